@@ -27,7 +27,7 @@ from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.fitting_rasterizer import fitting_rasterizer, render_needs
+from gsfw.plugins.open_rasterizer import open_rasterizer, render_needs
 from gsfw.plugins.loading import load_all
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
@@ -189,9 +189,8 @@ class Model:
         splats = parts.model.splats(None if cameras.time is None else cameras.time[0], cameras)
         backend = parts.rasterizer
         if rasterizer != AUTO:
-            backend = fitting_rasterizer(
-                rasterizer, render_needs(splats, cameras, settings), parts.device
-            )
+            needs = render_needs(splats, cameras, settings)
+            backend = open_rasterizer(rasterizer, parts.device, needs)
         output = parts.model.decode(backend.render(splats, cameras, settings), cameras)
         if splats.rows is None:
             return output
@@ -305,7 +304,7 @@ def render(
         antialias=antialias,
         depth=Depth.EXPECTED if depth else Depth.NONE,
     )
-    backend = fitting_rasterizer(rasterizer, render_needs(source, batch, settings), means.device)
+    backend = open_rasterizer(rasterizer, means.device, render_needs(source, batch, settings))
     return backend.render(source, batch, settings)
 
 

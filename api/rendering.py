@@ -20,6 +20,7 @@ from gsfw.core.rasterizer import Rasterizer, StageTime
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
 from gsfw.core.splats import Sh, Splats
+from gsfw.plugins.open_rasterizer import open_rasterizer
 
 __all__ = [
     "CameraModel",
@@ -38,6 +39,7 @@ __all__ = [
     "Validation",
     "dc_to_rgb",
     "multiply_quaternions",
+    "open_rasterizer",
     "pixel_rays",
     "quaternions_of",
     "rgb_to_dc",

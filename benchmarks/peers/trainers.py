@@ -11,7 +11,6 @@ from peers.job import Job, Order
 
 OPENSPLAT_BACKGROUND = (0.6130, 0.0101, 0.3984)
 """model.hpp: the purple of nerfstudio."""
-LAUNCH = Path(__file__).parent / "stand_ins" / "launch.py"
 
 
 def gsfw_jobs(order: Order, minutes: Sequence[float] = (), settings: str = "") -> list[Job]:
@@ -73,8 +72,8 @@ def original_jobs(order: Order, source: Path) -> list[Job]:
     jobs = []
     for steps in order.steps:
         folder = _folder(order, "original", f"{steps} steps")
-        command = [sys.executable, str(LAUNCH), str(train), "-s", str(order.capture)]
-        command += ["-m", str(folder), "--iterations", str(steps)]
+        command = [sys.executable, "-m", "gsfw.compat", "--rasterizer", "cpu", str(train)]
+        command += ["-s", str(order.capture), "-m", str(folder), "--iterations", str(steps)]
         # It would evaluate on its way; port 0 is any free one, for its viewer.
         command += ["--test_iterations", "-1", "--port", "0"]
         splats = folder / "point_cloud" / f"iteration_{steps}" / "point_cloud.ply"

@@ -1,4 +1,4 @@
-"""Fitting rasterizer: a backend for splats that belong to no run, by what their render needs."""
+"""Opening a rasterizer by name or by needs, for programs that render without a run."""
 
 from __future__ import annotations
 
@@ -40,18 +40,21 @@ def render_needs(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
     )
 
 
-def fitting_rasterizer(name: str, needs: Needs, device: torch.device) -> Rasterizer:
-    """Build a backend that meets the needs of a render.
+def open_rasterizer(
+    name: str = AUTO, device: torch.device | str = "cpu", needs: Needs | None = None
+) -> Rasterizer:
+    """Build an installed rasterizer with its default settings.
 
     Args:
-        name: of the backend, or auto for the fastest one that fits.
-        needs: as ``render_needs`` returns them.
-        device: of the splats.
+        name: as in ``rasterizer=NAME``; "auto" for the fastest one that fits.
+        device: of the splats that it will render.
+        needs: abilities that it must have, as ``render_needs`` returns them; ``None`` for none.
 
     Raises:
         ConfigError: there is no such backend, or it does not fit; names what it lacks.
     """
-    spec = installed().find("rasterizer", _fitting_name(name, needs, device.type))
+    device = torch.device(device)
+    spec = installed().find("rasterizer", _fitting_name(name, needs or Needs(), device.type))
     config: RasterizerConfig = load("rasterizer", spec)()
     return config.build(device)
 

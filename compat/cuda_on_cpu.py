@@ -1,0 +1,180 @@
+"""CudaOnCpu: code that names CUDA devices runs on the CPU, without a change."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from importlib import import_module
+from typing import Any
+
+import torch
+from torch.overrides import TorchFunctionMode
+
+CPU = torch.device("cpu")
+
+
+class CudaOnCpu(TorchFunctionMode):
+    """While it is active, tensors that are asked for on a GPU are made on the CPU.
+
+    It costs about a microsecond for each call of a torch function, and works in the thread that
+    entered it and in processes that this thread forks. ``torch.cuda.is_available()`` stays False,
+    since there is no GPU: scripts that insist on it have to be told otherwise by their own options.
+    """
+
+    def __enter__(self) -> CudaOnCpu:
+        # Every optimizer imports it; it keeps a list of torch's functions, and refuses what is
+        # there under two names, as the functions here are.
+        import_module("torch._dynamo")
+        self._originals = [(owner, name, getattr(owner, name)) for owner, name, _ in PATCHES]
+        for owner, name, stand_in in PATCHES:
+            setattr(owner, name, stand_in)
+        super().__enter__()
+        return self
+
+    def __exit__(self, *problem: Any) -> None:  # noqa: ANN401
+        super().__exit__(*problem)
+        for owner, name, original in self._originals:
+            setattr(owner, name, original)
+
+    def __torch_function__(
+        self,
+        func: Callable[..., Any],
+        types: Sequence[type],
+        args: Sequence[Any] = (),
+        kwargs: Mapping[str, Any] | None = None,
+    ) -> Any:  # noqa: ANN401 - what the function returns
+        """Call a function of torch with CPU where CUDA was said."""
+        if func in (torch.Tensor.cuda, torch.Tensor.pin_memory):
+            return args[0]
+        if func is torch.Tensor.to:
+            args = (args[0], *map(_on_cpu, args[1:]))
+        elif func is torch.Tensor.type:
+            args = (args[0], *map(_type_on_cpu, args[1:]))
+        given = {name: _on_cpu(v) if name == "device" else v for name, v in (kwargs or {}).items()}
+        return func(*args, **given)
+
+
+class Event:
+    """A point in time, as torch.cuda.Event: on the CPU nothing is pending."""
+
+    def __init__(
+        self, enable_timing: bool = False, blocking: bool = False, interprocess: bool = False
+    ) -> None:
+        self.seconds = 0.0
+
+    def record(self, stream: object = None) -> None:
+        """Take the time."""
+        self.seconds = time.perf_counter()
+
+    def elapsed_time(self, end: Event) -> float:
+        """Milliseconds from this event to another."""
+        return 1e3 * (end.seconds - self.seconds)
+
+    def synchronize(self) -> None:
+        """Return at once."""
+
+    def query(self) -> bool:
+        """True: everything is done."""
+        return True
+
+
+class Stream(nullcontext[None]):
+    """A queue of work that is always empty, as torch.cuda.Stream."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        super().__init__()
+
+    def synchronize(self) -> None:
+        """Return at once."""
+
+    def wait_stream(self, stream: object) -> None:
+        """Return at once."""
+
+    def wait_event(self, event: object) -> None:
+        """Return at once."""
+
+
+def _on_cpu(value: Any) -> Any:  # noqa: ANN401 - any argument
+    """The CPU for a CUDA device; everything else as it is."""
+    is_cuda = isinstance(value, str | torch.device) and str(value).startswith("cuda")
+    return CPU if is_cuda else value
+
+
+def _type_on_cpu(value: Any) -> Any:  # noqa: ANN401 - any argument
+    """A type of CPU tensors for one of CUDA tensors, by name; everything else as it is."""
+    return value.replace("torch.cuda.", "torch.") if isinstance(value, str) else value
+
+
+def _nothing(*_: object, **__: object) -> None:
+    """There is no GPU to do it on."""
+
+
+def _zero(*_: object, **__: object) -> int:
+    """The number of a device, or of bytes on it."""
+    return 0
+
+
+def _memory(*_: object) -> tuple[int, int]:
+    """Free and total memory of the machine, in bytes."""
+    page = os.sysconf("SC_PAGE_SIZE")
+    return page * os.sysconf("SC_AVPHYS_PAGES"), page * os.sysconf("SC_PHYS_PAGES")
+
+
+def _name(*_: object) -> str:
+    return "cpu"
+
+
+class Generator(torch.Generator):
+    """A torch.Generator on the CPU, whatever device is named."""
+
+    def __new__(cls, device: Any = CPU) -> Generator:  # noqa: ANN401
+        """A generator."""
+        return super().__new__(cls, _on_cpu(device))  # type: ignore[call-arg]
+
+
+_load, _set_default_device = torch.load, torch.set_default_device
+
+
+def _default_on_cpu(device: Any) -> None:  # noqa: ANN401
+    """torch.set_default_device; its device is not an argument of the calls that it changes."""
+    _set_default_device(_on_cpu(device))
+
+
+def _load_on_cpu(file: Any, map_location: Any = None, *rest: Any, **named: Any) -> Any:  # noqa: ANN401
+    """torch.load with the tensors of a GPU on the CPU."""
+    place = CPU if map_location is None else _on_cpu(map_location)
+    return _load(file, place, *rest, **named)
+
+
+PATCHES: tuple[tuple[Any, str, Any], ...] = (
+    # Time and order: on the CPU every call is done when it returns.
+    *((torch.cuda, name, _nothing) for name in ("synchronize", "ipc_collect")),
+    *((torch.cuda.nvtx, name, _nothing) for name in ("range_push", "range_pop", "mark")),
+    (torch.cuda, "Event", Event),
+    *((torch.cuda, name, Stream) for name in ("Stream", "stream", "current_stream")),
+    # Devices: there is one.
+    (torch.cuda, "device", nullcontext),
+    (torch.cuda, "set_device", _nothing),
+    (torch.cuda, "current_device", _zero),
+    (torch.cuda, "get_device_name", _name),
+    # Memory: nothing is on a GPU.
+    *(
+        (torch.cuda, name, _nothing)
+        for name in ("empty_cache", "reset_peak_memory_stats", "reset_max_memory_allocated")
+    ),
+    *(
+        (torch.cuda, name, _zero)
+        for name in ("memory_allocated", "max_memory_allocated", "memory_reserved")
+    ),
+    (torch.cuda, "max_memory_reserved", _zero),
+    (torch.cuda, "mem_get_info", _memory),
+    # Tensors by type, and from files.
+    *((torch.cuda, name, getattr(torch, name)) for name in ("FloatTensor", "LongTensor")),
+    *((torch.cuda, name, getattr(torch, name)) for name in ("IntTensor", "BoolTensor")),
+    (torch, "load", _load_on_cpu),
+    (torch, "Generator", Generator),
+    (torch, "set_default_device", _default_on_cpu),
+)
+"""Functions that are called directly, and so do not pass through the mode."""

@@ -1,0 +1,1 @@
+"""The interface of simple-knn, a CUDA extension that trainers of 3DGS import."""

@@ -1,0 +1,54 @@
+import pytest
+import torch
+
+from gsfw.compat.cuda_on_cpu import CudaOnCpu
+
+pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU to name")
+
+
+def test_tensors_that_are_asked_for_on_cuda_are_on_the_cpu(tmp_path):
+    torch.save(torch.ones(2), tmp_path / "tensor.pt")
+    with CudaOnCpu():
+        made = [
+            torch.zeros(2, device="cuda"),
+            torch.tensor([1.0], device=torch.device("cuda")),
+            torch.ones(2).cuda(),
+            torch.ones(2).to("cuda"),
+            torch.ones(2).pin_memory(),
+            torch.ones(2).type("torch.cuda.DoubleTensor"),
+            torch.cuda.FloatTensor(2).fill_(0),
+            torch.rand(2, generator=torch.Generator(device="cuda"), device="cuda"),
+            torch.load(tmp_path / "tensor.pt", map_location="cuda:0"),
+            torch.nn.Linear(2, 2).cuda().weight,
+            torch.ones(2).to(torch.device("cuda:0"), torch.float64),
+        ]
+    assert {tensor.device.type for tensor in made} == {"cpu"}
+    assert made[-1].dtype == torch.float64
+
+
+def test_calls_that_need_a_gpu_do_nothing_and_come_back_afterwards():
+    before = torch.cuda.Event, torch.cuda.synchronize, torch.load, torch.Generator
+    with CudaOnCpu():
+        start, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        start.record()
+        torch.cuda.synchronize()
+        end.record()
+        assert start.elapsed_time(end) >= 0
+        torch.cuda.set_device(torch.device("cuda:0"))
+        torch.cuda.empty_cache()
+        torch.cuda.reset_peak_memory_stats()
+        assert torch.cuda.max_memory_allocated() == 0
+        assert 0 < torch.cuda.mem_get_info()[0] <= torch.cuda.mem_get_info()[1]
+        with torch.cuda.device(0), torch.cuda.stream(torch.cuda.Stream()):
+            torch.cuda.current_stream().wait_stream(torch.cuda.Stream())
+        assert not torch.cuda.is_available()
+    assert before == (torch.cuda.Event, torch.cuda.synchronize, torch.load, torch.Generator)
+
+
+def test_a_default_device_of_cuda_is_the_cpu():
+    try:
+        with CudaOnCpu():
+            torch.set_default_device("cuda")
+            assert torch.zeros(2).device.type == "cpu"
+    finally:
+        torch.set_default_device(None)

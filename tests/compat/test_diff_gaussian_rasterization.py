@@ -1,0 +1,248 @@
+from dataclasses import dataclass, replace
+
+import pytest
+import torch
+from support import inria_formulas as original
+from torch import Tensor
+
+from gsfw.compat import backend
+from gsfw.compat.diff_gaussian_rasterization import (
+    GaussianRasterizationSettings,
+    GaussianRasterizer,
+)
+from gsfw.compat.refusal import UnservedArgument
+
+WIDTH, HEIGHT = 22, 18
+CLOSE = {"rtol": 1e-9, "atol": 1e-11}
+
+
+@dataclass
+class Scene:
+    """Splats whose alpha is below 1 / 255 beyond three standard deviations."""
+
+    means: Tensor
+    opacities: Tensor
+    shs: Tensor
+    scales: Tensor
+    rotations: Tensor
+
+    def parameters(self) -> list[Tensor]:
+        return list(vars(self).values())
+
+    def covariances(self) -> Tensor:
+        pairs = zip(self.scales, self.rotations, strict=True)
+        return torch.stack([original.covariance_3d(s, r, 1.0) for s, r in pairs])
+
+    def projected(self, settings: GaussianRasterizationSettings) -> original.Projected:
+        pairs = zip(self.shs, self.means, strict=True)
+        colors = torch.stack([original.color_of(sh, mean, settings) for sh, mean in pairs])
+        return original.project(self.means, self.opacities, colors, self.covariances(), settings)
+
+
+@pytest.fixture
+def settings() -> GaussianRasterizationSettings:
+    return original.camera(WIDTH, HEIGHT)
+
+
+@pytest.fixture
+def scene() -> Scene:
+    """Eight splats; the last is beyond 1.3 times the field of view, and large enough to be seen."""
+    random = torch.Generator().manual_seed(3)
+
+    def draw(*shape: int) -> Tensor:
+        return torch.rand(*shape, generator=random, dtype=torch.float64)
+
+    means = (draw(8, 3) - 0.5) * torch.tensor([2.0, 1.6, 1.0])
+    means[-1] = torch.tensor([3.0, 0.0, 0.0])
+    scales = 0.05 + 0.3 * draw(8, 3)
+    scales[-1] = 0.9
+    # The original does not normalise quaternions: one is not of unit length.
+    rotations = torch.nn.functional.normalize(draw(8, 4) - 0.5, dim=1)
+    rotations[0] *= 1.1
+    return Scene(means, 0.1 + 0.25 * draw(8, 1), draw(8, 4, 3) - 0.3, scales, rotations)
+
+
+def with_gradients(scene: Scene) -> Scene:
+    return Scene(*(tensor.clone().requires_grad_() for tensor in scene.parameters()))
+
+
+def rendered(scene: Scene, settings: GaussianRasterizationSettings, **changed: Tensor):
+    named = {
+        "means3D": scene.means,
+        "means2D": torch.zeros_like(scene.means),
+        "opacities": scene.opacities,
+        "shs": scene.shs,
+        "scales": scene.scales,
+        "rotations": scene.rotations,
+    }
+    return GaussianRasterizer(settings)(**(named | changed))
+
+
+def weights(like: Tensor) -> Tensor:
+    random = torch.Generator().manual_seed(1)
+    return torch.randn(like.shape, generator=random, dtype=like.dtype)
+
+
+def test_images_and_radii_are_those_of_the_original_formulas(scene, settings):
+    expected = scene.projected(settings)
+    color, radii = rendered(scene, settings)
+    torch.testing.assert_close(color, original.render(expected, settings).color, **CLOSE)
+    assert radii.dtype == torch.int32
+    assert radii.tolist() == [original.radius(conic) for conic in expected.conics]
+
+
+def test_gradients_of_all_parameters_are_those_of_the_formulas(scene, settings):
+    ours, theirs = with_gradients(scene), with_gradients(scene)
+    color, _ = rendered(ours, settings)
+    (color * weights(color)).sum().backward()
+    expected = original.render(theirs.projected(settings), settings).color
+    (expected * weights(expected)).sum().backward()
+    for mine, other in zip(ours.parameters(), theirs.parameters(), strict=True):
+        torch.testing.assert_close(mine.grad, other.grad, **CLOSE)
+
+
+def test_gradients_of_viewspace_points_are_those_of_the_backward_kernel(scene, settings):
+    points = torch.zeros_like(scene.means, requires_grad=True)
+    color, _ = rendered(scene, settings, means2D=points)
+    (color * weights(color)).sum().backward()
+    signed, _ = original.screen_gradients(scene.projected(settings), settings, weights(color))
+    torch.testing.assert_close(points.grad[:, :2], signed, **CLOSE)
+    assert not points.grad[:, 2].any()
+
+
+def test_a_viewspace_gradient_is_a_finite_difference_in_device_coordinates(scene, settings):
+    """The unit of densification thresholds: the image is 2 wide, whatever its pixels."""
+    points = torch.zeros_like(scene.means, requires_grad=True)
+    color, _ = rendered(scene, settings, means2D=points)
+    (color * weights(color)).sum().backward()
+    step, slopes = 1e-6, []
+    for axis in (0, 1):
+        losses = []
+        for sign in (1, -1):
+            shifted = settings.projmatrix.clone()
+            shifted[:, axis] += sign * step * shifted[:, 3]
+            image, _ = rendered(scene, settings._replace(projmatrix=shifted))
+            losses.append((image * weights(image)).sum())
+        slopes.append((losses[0] - losses[1]) / (2 * step))
+    torch.testing.assert_close(points.grad.sum(0)[:2], torch.stack(slopes), rtol=1e-5, atol=1e-7)
+
+
+def test_densification_points_get_the_norm_of_sums_of_absolute_gradients(scene, settings):
+    points = torch.zeros_like(scene.means, requires_grad=True)
+    color, _, depth = rendered(scene, settings, means2D_densify=points)
+    (color * weights(color)).sum().backward()
+    _, absolute = original.screen_gradients(scene.projected(settings), settings, weights(color))
+    torch.testing.assert_close(points.grad[:, :2].norm(dim=1), absolute.norm(dim=1), **CLOSE)
+    expected = original.render(scene.projected(settings), settings)
+    torch.testing.assert_close(depth, expected.depth, **CLOSE)
+
+
+@pytest.mark.parametrize("antialiasing", [False, True])
+def test_versions_with_antialiasing_return_inverse_depth(scene, settings, antialiasing):
+    newer = settings._replace(antialiasing=antialiasing)
+    expected = original.render(scene.projected(newer), newer)
+    color, _, inverse = rendered(scene, newer)
+    torch.testing.assert_close(color, expected.color, **CLOSE)
+    torch.testing.assert_close(inverse, expected.inverse_depth, **CLOSE)
+
+
+def test_forks_that_return_depth_are_told_by_the_environment(scene, settings, monkeypatch):
+    monkeypatch.setenv("GSFW_THIRD_OUTPUT", "depth")
+    _, _, depth = rendered(scene, settings)
+    torch.testing.assert_close(
+        depth, original.render(scene.projected(settings), settings).depth, **CLOSE
+    )
+    monkeypatch.setenv("GSFW_THIRD_OUTPUT", "deep")
+    with pytest.raises(ValueError, match="expected none, depth or invdepth"):
+        rendered(scene, settings)
+
+
+def test_a_pixel_stops_where_the_original_stops(scene, settings):
+    """Thirty splats behind one another: transmittance falls below 1e-4 before the last."""
+    deep = Scene(
+        *(tensor[:1].repeat(30, *[1] * (tensor.dim() - 1)) for tensor in vars(scene).values())
+    )
+    deep.means = torch.zeros(30, 3, dtype=torch.float64)
+    deep.means[:, 2] = torch.linspace(-1, 1, 30)
+    deep.opacities[:], deep.scales[:] = 0.35, 0.5
+    color, _ = rendered(deep, settings)
+    expected = original.render(deep.projected(settings), settings).color
+    torch.testing.assert_close(color, expected, **CLOSE)
+
+
+def test_precomputed_colours_and_covariances_render_the_same(scene, settings):
+    splats, whole = scene.projected(settings), scene.covariances()
+    halves = torch.stack([whole[:, i, j] for i in range(3) for j in range(i, 3)], dim=1)
+    color, radii = GaussianRasterizer(settings)(
+        means3D=scene.means,
+        means2D=torch.zeros_like(scene.means),
+        opacities=scene.opacities,
+        colors_precomp=splats.colors,
+        cov3D_precomp=halves,
+    )
+    expected, sizes = rendered(scene, settings)
+    torch.testing.assert_close(color, expected, **CLOSE)
+    assert torch.equal(radii, sizes)
+
+
+def test_splats_at_the_near_plane_are_not_seen_and_have_no_gradient(scene, settings):
+    behind = with_gradients(scene)
+    toward = settings.viewmatrix[:3, 2]
+    with torch.no_grad():
+        behind.means[2] = settings.campos + 0.19 * toward
+        behind.means[3] = settings.campos - 2.0 * toward
+    points = torch.zeros_like(scene.means, requires_grad=True)
+    color, radii = rendered(behind, settings, means2D=points)
+    (color * weights(color)).sum().backward()
+    seen = [0, 1, 4, 5, 6, 7]
+    rest = Scene(*(tensor.detach()[seen] for tensor in behind.parameters()))
+    torch.testing.assert_close(color, rendered(rest, settings)[0])
+    visible = GaussianRasterizer(settings).markVisible(behind.means)
+    assert (~visible).nonzero().flatten().tolist() == [2, 3]
+    assert radii[[2, 3]].tolist() == [0, 0]
+    assert not points.grad[[2, 3]].any()
+    assert all(tensor.grad.isfinite().all() for tensor in behind.parameters())
+    with pytest.raises(ValueError, match="2 of 8 splats are behind the near plane"):
+        rendered(behind, settings._replace(prefiltered=True))
+
+
+def test_no_splats_give_the_background(scene, settings):
+    nothing = Scene(*(tensor[:0] for tensor in scene.parameters()))
+    color, radii = rendered(nothing, settings)
+    assert len(radii) == 0
+    assert torch.equal(color, settings.bg[:, None, None].expand_as(color))
+
+
+def test_any_rasterizer_can_be_chosen(scene, settings, monkeypatch):
+    expected, _ = rendered(scene, settings)
+    monkeypatch.setattr(backend, "_chosen", [])
+    monkeypatch.setenv("GSFW_RASTERIZER", "reference")
+    torch.testing.assert_close(rendered(scene, settings)[0], expected, **CLOSE)
+    backend.use_rasterizer("ray")
+    with pytest.raises(ValueError, match="needs feature 'screen gradient'"):
+        rendered(scene, settings)
+    backend.use_rasterizer("nothing")
+    with pytest.raises(ValueError, match="no rasterizer 'nothing'"):
+        rendered(scene, settings)
+
+
+def test_arguments_of_forks_are_refused_by_name(scene, settings):
+    fields = settings._asdict()
+    with pytest.raises(UnservedArgument, match="does not serve kernel_size"):
+        GaussianRasterizationSettings(**fields, kernel_size=0.1)
+    with pytest.raises(UnservedArgument, match=r"does not serve dc.*\n.*torch.cat\(\[dc, shs\]"):
+        rendered(scene, settings, dc=scene.shs[:, :1])
+    with pytest.raises(ValueError, match="either shs or colors_precomp"):
+        rendered(scene, settings, colors_precomp=scene.means)
+    with pytest.raises(ValueError, match="either scales and rotations, or cov3D_precomp"):
+        GaussianRasterizer(settings)(
+            scene.means, scene.means, scene.opacities, scene.shs, scales=scene.scales
+        )
+    with pytest.raises(ValueError, match="means2D_densify"):
+        rendered(scene, settings, means2D=torch.zeros(8, 4))
+
+
+def test_debug_names_values_that_cannot_be_rendered(scene, settings):
+    broken = replace(scene, opacities=scene.opacities + 1)
+    with pytest.raises(ValueError, match=r"opacities: expected values in \[0, 1\]"):
+        rendered(broken, settings._replace(debug=True))

@@ -1,0 +1,109 @@
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parent / "scripts"
+
+
+def launched(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "gsfw.compat", *map(str, arguments)]
+    one_thread = {"OMP_NUM_THREADS": "1", "GSFW_STATE_DIR": "none"}
+    return subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | one_thread | environment,
+    )
+
+
+def figures(done: subprocess.CompletedProcess[str]) -> tuple[float, int]:
+    """PSNR and number of Gaussians that a small trainer says."""
+    assert done.returncode == 0, done.stderr
+    found = re.match(r"PSNR ([0-9.]+) gaussians (\d+)", done.stdout)
+    assert found, done.stdout
+    return float(found[1]), int(found[2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("script", "options"),
+    [
+        ("inria_like.py", ()),
+        ("gsplat_like.py", ()),
+        ("gsplat_like.py", ("packed", "absgrad")),
+    ],
+)
+def test_a_small_trainer_for_cuda_learns_and_grows_on_the_cpu(script, options):
+    psnr, count = figures(launched(SCRIPTS / script, "60", *options))
+    assert psnr > 23
+    assert count > 100, "it started from 60"
+
+
+@pytest.mark.slow
+def test_a_script_sees_its_own_modules_arguments_and_the_chosen_rasterizer(tmp_path):
+    (tmp_path / "scene.py").write_text("NAME = 'its own'\n")
+    (tmp_path / "train.py").write_text(
+        "import os, sys, torch\n"
+        "from scene import NAME\n"
+        "from gsplat.rendering import rasterization\n"
+        "from simple_knn._C import distCUDA2\n"
+        "print(__name__, NAME, sys.argv[1:], torch.zeros(2, device='cuda').device.type,\n"
+        "      os.environ['GSFW_RASTERIZER'], rasterization.__module__)\n"
+    )
+    done = launched("--rasterizer", "reference", tmp_path / "train.py", "-s", "DATA")
+    expected = "__main__ its own ['-s', 'DATA'] cpu reference gsfw.compat.gsplat\n"
+    assert done.stdout == expected, done.stderr
+    assert "simple_knn" in done.stderr.splitlines()[0]
+    assert done.stderr.splitlines()[0].endswith("; rasterizer reference.")
+
+
+@pytest.mark.slow
+def test_an_installed_module_is_kept_unless_always_is_said(tmp_path):
+    (tmp_path / "simple_knn").mkdir()
+    (tmp_path / "simple_knn" / "__init__.py").write_text("")
+    (tmp_path / "simple_knn" / "_C.py").write_text("distCUDA2 = 'the original'\n")
+    (tmp_path / "train.py").write_text(
+        "from simple_knn._C import distCUDA2\nprint(callable(distCUDA2))\n"
+    )
+    kept, replaced = launched(tmp_path / "train.py"), launched("--always", tmp_path / "train.py")
+    assert (kept.stdout, replaced.stdout) == ("False\n", "True\n")
+    assert "simple_knn kept as installed (--always replaces it)" in kept.stderr
+    assert "kept" not in replaced.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("code", "exit_code", "said"),
+    [
+        ("import lpipsy", 2, "train.py:2: the package 'lpipsy' is not installed."),
+        ("image, radii, depth = (1, 2)", 1, "--third depth or --third invdepth"),
+        (
+            "from gsplat import rasterization_2dgs\nrasterization_2dgs()",
+            2,
+            "train.py:3: gsplat: gsfw.compat does not serve rasterization_2dgs.",
+        ),
+        ("raise RuntimeError('its own')", 1, "RuntimeError: its own"),
+    ],
+)
+def test_what_a_script_cannot_do_is_said_with_its_line_and_a_remedy(
+    tmp_path, code, exit_code, said
+):
+    (tmp_path / "train.py").write_text(f"import torch\n{code}\n")
+    done = launched(tmp_path / "train.py")
+    assert done.returncode == exit_code
+    assert said in done.stderr
+    assert (exit_code == 1) == ("Traceback" in done.stderr)
+
+
+@pytest.mark.slow
+def test_a_script_that_is_not_there_is_named():
+    done = launched("trane.py")
+    assert done.returncode == 1
+    assert (
+        done.stderr == "There is no script trane.py. Give its path after python -m gsfw.compat.\n"
+    )
