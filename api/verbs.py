@@ -2,6 +2,7 @@
 
 from gsfw.commands.interface.arguments import Options, RunOptions, read
 from gsfw.commands.interface.console import Console
-from gsfw.commands.interface.runs import open_run
+from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.plugins.registry import installed
 
-__all__ = ["Console", "Options", "RunOptions", "open_run", "read"]
+__all__ = ["Console", "Options", "RunOptions", "find_run", "installed", "open_run", "read"]

@@ -1,0 +1,97 @@
+"""Features are trained, searched, exported, and read from maps of the data."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from gsfw.api import ConfigError
+from gsfw_feature_3dgs.extractors import ColorTerms, load_extractor
+from gsfw_feature_3dgs.images import heat
+
+SCENE = (
+    *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),
+    *("datamanager.height=36", "datamanager.points=400", "device=cpu", "report=false"),
+)
+
+
+def gsfw(*arguments):
+    command = [sys.executable, "-m", "gsfw", *arguments, "json=true"]
+    here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    found = subprocess.run(command, capture_output=True, text=True, env=here)
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout)
+
+
+class Wide(ColorTerms):
+    """An extractor with more channels than a Gaussian of the test has, at half of the size."""
+
+    channels = 22
+
+    def features(self, images):
+        return super().features(images[:, ::2, ::2]).repeat(1, 1, 1, 2)
+
+    def words(self, text):
+        return super().words(text).repeat(2)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    out = tmp_path_factory.mktemp("feature") / "run"
+    return out, gsfw("train", "method=feature-3dgs", *SCENE, "steps=120", f"out={out}")
+
+
+def test_features_of_held_out_views_are_learned(run):
+    assert run[1]["feature_cosine"] > 0.8
+
+
+def test_a_query_finds_a_place_and_writes_heat_maps(run):
+    found = gsfw("query", str(run[0]), "text=blue")
+    assert len(found["place"]) == 3
+    assert len(list((run[0] / "query").glob("*.png"))) == len(found["views"]) == 2
+
+
+def test_a_point_finds_itself(run):
+    found = gsfw("query", str(run[0]), "point=0.72,0.48,0.6", f"out={run[0] / 'near'}")
+    assert found["similarity"] > 0.9
+
+
+def test_the_export_has_a_feature_for_each_gaussian(run, tmp_path):
+    gsfw("export", str(run[0]), "format=features", f"out={tmp_path / 'all.npz'}")
+    stored = np.load(tmp_path / "all.npz")
+    assert stored["features"].shape == (len(stored["means"]), 11)
+
+
+def test_maps_with_more_channels_are_decoded_also_from_a_model_file(tmp_path):
+    run, wide = tmp_path / "run", "extractor=test_feature_3dgs:Wide"
+    summary = gsfw(
+        *("train", "method=feature-3dgs", *SCENE, "steps=120", f"out={run}"), wide, "width=6"
+    )
+    assert summary["feature_cosine"] > 0.7
+    gsfw("export", str(run), "format=gsfw", f"out={tmp_path / 'model.gsfw'}")
+    found = gsfw("query", str(tmp_path / "model.gsfw"), "text=blue", f"out={tmp_path / 'heat'}")
+    assert found["place"] == gsfw("query", str(run), "text=blue")["place"]
+
+
+def test_words_are_described_by_the_terms_that_are_nearest():
+    extractor = ColorTerms()
+    image = torch.tensor([[[[0.8, 0.1, 0.1], [0.1, 0.3, 0.8]]]])
+    similar = extractor.features(image)[0, 0] @ extractor.words("red")
+    assert float(similar[0]) > 0.7 > 0.1 > float(similar[1])
+    assert torch.equal(extractor.words("dark"), extractor.words("black"))
+
+
+def test_unknown_words_and_extractors_are_named():
+    with pytest.raises(ConfigError, match="'chair'"):
+        ColorTerms().words("chair")
+    with pytest.raises(ConfigError, match="no_such_module"):
+        load_extractor("no_such_module:Clip")
+
+
+def test_heat_rises_from_the_first_to_the_last_stop():
+    colors = heat(torch.tensor([[0.0, 1.0]]))
+    assert torch.allclose(colors[0], torch.tensor([[0.1, 0.1, 0.3], [0.9, 0.1, 0.1]]))
