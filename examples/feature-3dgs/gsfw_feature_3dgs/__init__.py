@@ -26,6 +26,8 @@ def gsfw_exporters() -> list[Spec]:
 @hookimpl
 def gsfw_commands() -> list[Spec]:
     return [
-        Spec("query", "find words or a point in a model of features", "gsfw_feature_3dgs.query:run"),
+        Spec(
+            "query", "find words or a point in a model of features", "gsfw_feature_3dgs.query:run"
+        ),
         Spec("features", "write feature maps of images", "gsfw_feature_3dgs.maps:run"),
     ]

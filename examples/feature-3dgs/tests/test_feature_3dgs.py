@@ -9,20 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from gsfw.api import ConfigError
 from gsfw_feature_3dgs.extractors import ColorTerms, load_extractor
 from gsfw_feature_3dgs.images import heat
+
+from gsfw.api import ConfigError
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),
     *("datamanager.height=36", "datamanager.points=400", "device=cpu", "report=false"),
+    *("steps=120", "features_lr=0.02"),  # A run of few steps learns fast.
 )
 
 
 def gsfw(*arguments):
     command = [sys.executable, "-m", "gsfw", *arguments, "json=true"]
     here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
-    found = subprocess.run(command, capture_output=True, text=True, env=here)
+    found = subprocess.run(command, check=False, capture_output=True, text=True, env=here)
     assert found.returncode == 0, found.stderr
     return json.loads(found.stdout)
 
@@ -42,7 +44,7 @@ class Wide(ColorTerms):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("feature") / "run"
-    return out, gsfw("train", "method=feature-3dgs", *SCENE, "steps=120", f"out={out}")
+    return out, gsfw("train", "method=feature-3dgs", *SCENE, f"out={out}")
 
 
 def test_features_of_held_out_views_are_learned(run):
@@ -68,9 +70,7 @@ def test_the_export_has_a_feature_for_each_gaussian(run, tmp_path):
 
 def test_maps_with_more_channels_are_decoded_also_from_a_model_file(tmp_path):
     run, wide = tmp_path / "run", "extractor=test_feature_3dgs:Wide"
-    summary = gsfw(
-        *("train", "method=feature-3dgs", *SCENE, "steps=120", f"out={run}"), wide, "width=6"
-    )
+    summary = gsfw("train", "method=feature-3dgs", *SCENE, wide, "width=6", f"out={run}")
     assert summary["feature_cosine"] > 0.7
     gsfw("export", str(run), "format=gsfw", f"out={tmp_path / 'model.gsfw'}")
     found = gsfw("query", str(tmp_path / "model.gsfw"), "text=blue", f"out={tmp_path / 'heat'}")
@@ -81,7 +81,8 @@ def test_words_are_described_by_the_terms_that_are_nearest():
     extractor = ColorTerms()
     image = torch.tensor([[[[0.8, 0.1, 0.1], [0.1, 0.3, 0.8]]]])
     similar = extractor.features(image)[0, 0] @ extractor.words("red")
-    assert float(similar[0]) > 0.7 > 0.1 > float(similar[1])
+    assert float(similar[0]) > 0.7
+    assert float(similar[1]) < 0.1
     assert torch.equal(extractor.words("dark"), extractor.words("black"))
 
 

@@ -1,8 +1,8 @@
 """The ``tum-rgbd`` format of the TUM RGB-D benchmark (Sturm et al. 2012), as many datasets have it.
 
 rgb.txt and depth.txt list images by time in seconds, groundtruth.txt poses: time tx ty tz qx qy qz
-qw, camera to world, in metres. Depth images have 16 bits. Rows are matched by time. gsfw undistorts,
-shrinks, masks and caches the depth maps with the images.
+qw, camera to world, in metres. Depth images have 16 bits. Rows are matched by time. gsfw
+undistorts, shrinks, masks and caches the depth maps with the images.
 """
 
 from __future__ import annotations

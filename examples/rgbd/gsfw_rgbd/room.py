@@ -43,7 +43,9 @@ def write_room(folder, frames, width, noise):
 def _camera(share):
     """Place and axes (rows: right, down, ahead) of the camera at a share of its way."""
     angle = math.radians(-150 + 120 * share)
-    place = np.array([1.5 * math.cos(angle), 1.1 * math.sin(angle), 1.3 + 0.3 * math.sin(9 * share)])
+    place = np.array(
+        [1.5 * math.cos(angle), 1.1 * math.sin(angle), 1.3 + 0.3 * math.sin(9 * share)]
+    )
     ahead = np.array([0.1, 0.5, 0.6]) - place
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, (0.0, 0.0, 1.0))

@@ -6,10 +6,11 @@ import sys
 
 import pytest
 import torch
-from gsfw.api import DataError, DataRequest, Split
 from gsfw_rgbd.data import TumConfig, world_to_camera
 from gsfw_rgbd.method import flatness
 from gsfw_rgbd.room import write_room
+
+from gsfw.api import DataError, DataRequest, Split
 
 
 @pytest.fixture(scope="module")

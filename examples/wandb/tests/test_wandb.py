@@ -6,10 +6,11 @@ import subprocess
 import sys
 
 import pytest
-from gsfw.api import ConfigError
 from gsfw_wandb import callback
 
-RECORDER = '''
+from gsfw.api import ConfigError
+
+RECORDER = """
 import json
 import os
 from types import SimpleNamespace
@@ -34,13 +35,11 @@ class Run:
 
 def init(**given):
     return Run(**given)
-'''
+"""
 SCENE = (
     *("datamanager.views=4", "datamanager.eval_views=2", "datamanager.width=32"),
     *("datamanager.height=24", "datamanager.points=100", "device=cpu", "report=false"),
 )
-
-
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,69 @@
+"""The table of the README: training at one scale, evaluation at all others (Yu et al. 2024, 5.1).
+
+python measure.py path/to/nerf_synthetic/chair [steps]
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+FULL = 200
+"""Width of the images at scale 1."""
+WIDTHS = {"2x": 400, "1x": 200, "1/2": 100, "1/4": 50, "1/8": 25}
+TRAIN_VIEWS, EVAL_VIEWS = 50, 10
+ENTRANTS = {
+    "3dgs": ("method=3dgs",),
+    "3dgs antialias=true": ("method=3dgs", "antialias=true"),
+    "mip-splatting": ("method=mip-splatting",),
+}
+
+
+def shrunk_copy(source, target, width):
+    """A Blender-format copy of some views at one width, shrunk by area with premultiplied alpha."""
+    for split, most in (("train", TRAIN_VIEWS), ("test", EVAL_VIEWS)):
+        name = f"transforms_{split}.json"
+        document = json.loads((source / name).read_text())
+        frames = document["frames"]
+        document["frames"] = frames[:: max(1, len(frames) // most)][:most]
+        document.pop("w", None)
+        document.pop("h", None)
+        (target / split).mkdir(parents=True)
+        (target / name).write_text(json.dumps(document))
+        for frame in document["frames"]:
+            file = frame["file_path"].removeprefix("./") + ".png"
+            with Image.open(source / file) as image:
+                small = image.convert("RGBa").resize((width, width), Image.Resampling.BOX)
+                small.convert("RGBA").save(target / file)
+    return target
+
+
+def gsfw(*arguments):
+    command = [sys.executable, "-m", "gsfw", *arguments, "json=true"]
+    found = subprocess.run(command, check=False, capture_output=True, text=True)
+    if found.returncode:
+        sys.exit(found.stderr)
+    return json.loads(found.stdout)
+
+
+def main(source, steps):
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        data = {w: shrunk_copy(source, root / f"chair_{w}", w) for w in WIDTHS.values()}
+        for trained in ("1x", "1/4"):
+            print(f"trained at {trained} ({WIDTHS[trained]} pixels), PSNR in dB at")
+            print("| method |", " | ".join(WIDTHS), "|")
+            for name, settings in ENTRANTS.items():
+                run = root / f"{name}_{trained.replace('/', '_')}"
+                quiet = ("report=false", "device=cpu", "eval_every=0", "background=white")
+                where = (f"data={data[WIDTHS[trained]]}", f"out={run}")
+                gsfw("train", *settings, *where, f"steps={steps}", *quiet)
+                found = [gsfw("eval", str(run), f"data={data[w]}")["psnr"] for w in WIDTHS.values()]
+                print(f"| {name} |", " | ".join(f"{psnr:.2f}" for psnr in found), "|", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 2000)
