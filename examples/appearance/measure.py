@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-WIDTH, TRAIN_VIEWS, EVAL_VIEWS = 133, 50, 10
+WIDTH, TRAIN_VIEWS, EVAL_VIEWS = 100, 50, 10
 RUNS = {
     "3dgs": ("method=3dgs",),
     "3dgs exposure=true": ("method=3dgs", "exposure=true"),

@@ -31,7 +31,7 @@ THICKNESS = 1e-3
 """Standard deviation along the normal, relative to the larger one across it."""
 NEAR = 0.2
 """Distortion is measured in NDC depth m = 1 - NEAR extents times inverse depth, as in the released
-code, where the near plane is 0.2 (section 3.2 of the supplement)."""
+code, where the near plane is 0.2."""
 SOLID = 0.5
 """Pixels that surfels cover less have no depth and no normal to compare."""
 

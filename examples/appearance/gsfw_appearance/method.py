@@ -1,8 +1,9 @@
 """Method 3dgs-appearance: each training image has an appearance that only training sees.
 
-Lin et al. 2024, "VastGaussian", section 3.3. The render times the factors of the image's
-appearance is compared by L1; SSIM compares the plain render, so that structure comes from the
-Gaussians. Afterwards the appearances are dropped: renders have the mean look of the collection.
+Lin et al. 2024, "VastGaussian" (decoupled appearance modelling). The render times the factors of
+the image's appearance is compared by L1; SSIM compares the plain render, so that structure comes
+from the Gaussians. Afterwards the appearances are dropped: renders have the mean look of the
+collection.
 """
 
 from __future__ import annotations

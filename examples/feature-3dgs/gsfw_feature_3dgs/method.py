@@ -1,8 +1,8 @@
 """Method feature-3dgs: each Gaussian has a feature, which is rendered and fitted to feature maps.
 
-Zhou et al. 2024, "Feature 3DGS". Features are blended like colours (equation 3); the loss is the
-mean absolute difference to the maps (equation 5). Maps with more channels than a Gaussian has are
-reached through one linear layer (their speed-up module, a 1x1 convolution).
+Zhou et al. 2024, "Feature 3DGS". Features are blended like colours; the loss has the mean
+absolute difference to the maps. Maps with more channels than a Gaussian has are reached through
+one linear layer (their speed-up module, a 1x1 convolution).
 """
 
 from __future__ import annotations

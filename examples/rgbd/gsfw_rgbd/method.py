@@ -1,7 +1,7 @@
 """Method 3dgs-depth: 3dgs whose depth is held to a per-view map named "depth".
 
-The loss is that of Turkulainen et al. 2024, "DN-Splatter", equations 3 and 4: the logarithm of the
-depth error, weighted less at edges of the image, where depth sensors err.
+The loss is that of Turkulainen et al. 2024, "DN-Splatter": the logarithm of the depth error,
+weighted less at edges of the image, where depth sensors err.
 """
 
 from __future__ import annotations
