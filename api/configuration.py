@@ -1,4 +1,10 @@
-"""Configuration: settings of parts, their ranges, and what they need of the others."""
+"""Configuration: settings of parts, their ranges, and what a part needs. Light to import.
+
+A part that is chosen by name registers a dataclass that derives from one of the ``...Config``
+classes; its fields are settings, ``needs()`` says what it needs of the rasterizer and the model,
+and ``build`` (for strategies ``refiners``) makes the part. Derive once more from a config of your
+own for presets.
+"""
 
 from gsfw.core.capabilities import Capabilities, Determinism, Feature, Needs
 from gsfw.core.config import (
@@ -13,6 +19,7 @@ from gsfw.core.config import (
     StrategyConfig,
     steps_field,
 )
+from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
 
@@ -23,6 +30,7 @@ __all__ = [
     "Detection",
     "Determinism",
     "Feature",
+    "HoldOutBy",
     "LearningRate",
     "MethodConfig",
     "Needs",

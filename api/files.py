@@ -1,4 +1,8 @@
-"""Files: exporters, importers, and what they write and read."""
+"""Files: exporters, importers, and what they write and read.
+
+An ``Exporter`` asks its ``ExportSource`` for the content that its format ``Holds``; an ``Importer``
+returns a ``SplatFile``. Both work in the world of the data.
+"""
 
 from gsfw.core.exchange import (
     Exporter,
@@ -6,10 +10,12 @@ from gsfw.core.exchange import (
     Holds,
     Importer,
     SplatFile,
+    StoredColumn,
     StoredModel,
     TrackFile,
 )
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.temporal_metrics.tracks import Tracks
 
 __all__ = [
     "ExportSource",
@@ -17,7 +23,9 @@ __all__ = [
     "Holds",
     "Importer",
     "SplatFile",
+    "StoredColumn",
     "StoredModel",
     "TrackFile",
+    "Tracks",
     "write_atomically",
 ]

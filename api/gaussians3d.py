@@ -1,7 +1,16 @@
-"""Method 3dgs, to extend: its settings, its model and its training."""
+"""Method 3dgs, to extend: its settings, its model and its training.
 
-from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+Derive from ``StaticGaussiansMethod``: name another ``model_class``, add ``extra_columns``, override
+``losses``; the ``build`` of a ``StaticGaussiansConfig`` makes it.
+"""
+
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.methods.gaussians3d.model import StaticGaussians
 
-__all__ = ["StaticGaussians", "StaticGaussiansConfig", "StaticGaussiansMethod"]
+__all__ = [
+    "StaticGaussians",
+    "StaticGaussiansConfig",
+    "StaticGaussiansMethod",
+    "StaticGaussiansOptim",
+]

@@ -1,15 +1,28 @@
-"""Rendering: splats, rasterizers, and the mathematics that both share."""
+"""Rendering: splats, cameras, rasterizers, and the mathematics that they share.
 
+For authors of rasterizers, which derive from ``Rasterizer`` and render ``Splats`` from ``Cameras``
+under ``RenderSettings``, and of models, whose ``splats`` fill in ``Splats``.
+"""
+
+from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.maths.rays import pixel_rays
-from gsfw.core.maths.rotations import multiply_quaternions, quaternions_of, rotation_matrices
+from gsfw.core.maths.rotations import (
+    multiply_quaternions,
+    quaternions_of,
+    rotation_matrices,
+    unit_matrices,
+)
+from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc, sh_basis
 from gsfw.core.numerics import NumericsProfile
-from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.rasterizer import Rasterizer, StageTime
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
 from gsfw.core.splats import Sh, Splats
 
 __all__ = [
+    "CameraModel",
+    "Cameras",
     "Depth",
     "NumericsProfile",
     "Rasterizer",
@@ -17,7 +30,9 @@ __all__ = [
     "RenderSettings",
     "RenderStatistics",
     "Sh",
+    "Similarity",
     "Splats",
+    "StageTime",
     "Statistic",
     "Validation",
     "dc_to_rgb",
@@ -27,4 +42,5 @@ __all__ = [
     "rgb_to_dc",
     "rotation_matrices",
     "sh_basis",
+    "unit_matrices",
 ]

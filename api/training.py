@@ -1,15 +1,22 @@
-"""Training: methods, models and their columns, refiners, and the state of a step."""
+"""Training: methods, models and their columns, refiners, samplers, and the state of a step.
+
+For authors of methods (``Method``, with a ``PrimitiveModel`` of ``Column``s), of strategies
+(``Refiner``) and of samplers (``Sampler``). The mean absolute difference of images is
+``masked_mean((rendered - target).abs(), valid)``; ``context.operators.l1_dssim`` is that and 1 -
+SSIM in one native call.
+"""
 
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.maths.ssim import masked_mean, ssim, ssim_map
 from gsfw.core.method import Method
 from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
-from gsfw.core.operators import Operators
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.sampler import Sampler
+from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
 
 __all__ = [
@@ -19,7 +26,6 @@ __all__ = [
     "GrowthLimits",
     "Layout",
     "Method",
-    "Operators",
     "Optimizer",
     "ParameterGroup",
     "PrimitiveModel",
@@ -29,6 +35,10 @@ __all__ = [
     "RowStatistics",
     "Rows",
     "Sampler",
+    "Scene",
     "SplatTable",
     "StepContext",
+    "masked_mean",
+    "ssim",
+    "ssim_map",
 ]

@@ -1,8 +1,20 @@
-"""Verbs: the options and the terminal of a command, and the runs that it opens."""
+"""Verbs: the options and the terminal of a command, and the runs that it opens.
 
-from gsfw.commands.interface.arguments import Options, RunOptions, read
+A verb is a function ``(arguments: list[str]) -> int`` (the exit code). It reads its options into a
+dataclass that derives from ``Options`` or ``RunOptions``, and writes through ``Console``.
+"""
+
+from gsfw.commands.interface.arguments import Options, RunOptions, read, word, words
 from gsfw.commands.interface.console import Console
-from gsfw.commands.interface.runs import find_run, open_run
-from gsfw.plugins.registry import installed
+from gsfw.commands.interface.opened_run import OpenedRun, open_run
 
-__all__ = ["Console", "Options", "RunOptions", "find_run", "installed", "open_run", "read"]
+__all__ = [
+    "Console",
+    "OpenedRun",
+    "Options",
+    "RunOptions",
+    "open_run",
+    "read",
+    "word",
+    "words",
+]

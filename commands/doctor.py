@@ -135,8 +135,9 @@ def _abilities(able: Capabilities) -> str:
 def _plugins(registry: Registry) -> Iterator[Finding]:
     load_third_parties(registry)  # Only loading a plugin shows its faults.
     for item in registry.broken:
-        what = f"{item.kind} {item.name} of {item.distribution} {item.version}"
-        yield Finding(what, "missing", f"{item.reason}. {item.advice}")
+        yield Finding(
+            f"{item.kind} {item.name} ({item.package})", "missing", f"{item.reason}. {item.advice}"
+        )
 
 
 def _write_access() -> Finding:

@@ -1,16 +1,19 @@
-"""The verb ``plugins``: the names of each slot, and the skipped plugins."""
+"""The verb ``plugins``: the parts of each slot with their packages, and the skipped plugins."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from gsfw.commands.interface.arguments import Options, read
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
+from gsfw.plugins.discovery import HOOK, PLUGIN
 from gsfw.plugins.loading import load_third_parties
-from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed
-from gsfw.plugins.specs import Spec
+from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed, package
+from gsfw.plugins.specs import PROJECT, Spec
+from gsfw.plugins.versions import API_VERSION
 
 
 @dataclass(kw_only=True)
@@ -33,45 +36,73 @@ def run(tokens: list[str]) -> int:
         )
     console, registry = Console(options.json), installed()
     load_third_parties(registry)
-    slots = [options.slot] if options.slot else list(SLOTS)
-    left_out = {(item.kind, item.name, item.distribution) for item in registry.broken}
-    found = {
-        slot: [
-            spec
-            for spec in registry.slot(slot).values()
-            if (slot, spec.name, spec.distribution) not in left_out
-        ]
-        for slot in slots
-    }
+    parts = _parts(registry, [options.slot] if options.slot else list(SLOTS))
     console.table(
-        ["slot", "name", "from", "description"],
-        [[slot, *_cells(spec)] for slot, specs in found.items() for spec in specs],
+        ["slot", "name", "from", "API", "state", "description"],
+        [[*_cells(part)] for part in parts],
     )
     for broken in registry.broken:
         console.say(str(broken))
-    console.result(_document(found, registry))
+    console.result(
+        {
+            "api_version": API_VERSION,
+            "plugins": [_document(part) for part in parts if not part.skipped],
+            "broken": [asdict(item) for item in registry.broken],
+        }
+    )
     return 0
 
 
-def _cells(spec: Spec) -> tuple[str, str, str]:
+@dataclass(frozen=True)
+class Part:
+    """A registered part, or a plugin or a hook that is skipped as a whole."""
+
+    slot: str
+    spec: Spec
+    skipped: bool
+
+
+def _parts(registry: Registry, slots: Sequence[str]) -> list[Part]:
+    """The parts of the slots, then the skipped plugins."""
+    skipped = {(item.kind, item.name, item.distribution): item for item in registry.broken}
+    found = []
+    for slot in slots:
+        for spec in registry.slot(slot).values():
+            is_skipped = skipped.pop((slot, spec.name, spec.distribution), None) is not None
+            found.append(Part(slot, spec, is_skipped))
+    left = [item for item in skipped.values() if item.kind in (*slots, PLUGIN, HOOK)]
+    for item in left:  # Without a registered part: a taken name, a plugin, a hook.
+        spec = Spec(item.name, "", "", distribution=item.distribution, version=item.version)
+        found.append(Part(item.kind, spec, True))
+    return found
+
+
+def _cells(part: Part) -> tuple[str, ...]:
+    spec = part.spec
     paper = f" ({spec.paper})" if spec.paper else ""
-    return spec.name, f"{spec.distribution} {spec.version}", f"{spec.description}{paper}"
+    return (
+        *(part.slot, spec.name, package(spec), _asked_range(part)),
+        "skipped" if part.skipped else "ok",
+        f"{spec.description}{paper}",
+    )
 
 
-def _document(found: dict[str, list[Spec]], registry: Registry) -> dict[str, Any]:
+def _asked_range(part: Part) -> str:
+    """The range of API versions that a package asks for; gsfw's own parts need none."""
+    if part.spec.distribution == PROJECT or not part.spec.target:
+        return ""
+    return part.spec.requires_api or "not stated"
+
+
+def _document(part: Part) -> dict[str, Any]:
+    spec = part.spec
     return {
-        "plugins": [
-            {
-                "slot": slot,
-                "name": spec.name,
-                "distribution": spec.distribution,
-                "version": spec.version,
-                "description": spec.description,
-                "paper": spec.paper,
-                "tags": sorted(spec.tags),
-            }
-            for slot, specs in found.items()
-            for spec in specs
-        ],
-        "broken": [asdict(item) for item in registry.broken],
+        "slot": part.slot,
+        "name": spec.name,
+        "distribution": spec.distribution,
+        "version": spec.version,
+        "requires_api": spec.requires_api,
+        "description": spec.description,
+        "paper": spec.paper,
+        "tags": sorted(spec.tags),
     }

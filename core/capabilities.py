@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import reduce
 from operator import or_
+from typing import TYPE_CHECKING
 
-from gsfw.core.cameras import CameraModel
 from gsfw.core.errors import ConfigError
+
+if TYPE_CHECKING:  # Configurations state needs before torch is imported.
+    from gsfw.core.cameras import CameraModel
 
 DEPTH_CHANNELS = 2
 """Channels of an expected depth image: the sum of weighted depths, and the sum of weights."""

@@ -22,7 +22,7 @@ from torch import Tensor
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import from_center, from_opencv
+from gsfw.datamanagers.poses import pose_from_center, pose_from_opencv
 
 HALF = 0.5
 """From OpenCV's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
@@ -128,7 +128,7 @@ def _opencv(name: str, entry: Mapping[str, Any], file: Path) -> CalibratedCamera
         distortion=distortion,
     )
     lens.check()
-    return CalibratedCamera(name, lens, from_opencv(_pose(entry, where), where))
+    return CalibratedCamera(name, lens, pose_from_opencv(_pose(entry, where), where))
 
 
 def _size(entry: Mapping[str, Any], where: str) -> tuple[int, int]:
@@ -235,7 +235,7 @@ def _qualisys_camera(node: ElementTree.Element, file: Path) -> CalibratedCamera:
         distortion=tuple(distortion.tolist()),
     )
     lens.check()
-    return CalibratedCamera(name, lens, from_center(rotation, center, where))
+    return CalibratedCamera(name, lens, pose_from_center(rotation, center, where))
 
 
 def _check_upright(node: ElementTree.Element, where: str) -> None:

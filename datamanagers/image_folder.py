@@ -16,7 +16,7 @@ from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.point_file import Points, read_ply
+from gsfw.datamanagers.point_file import Points, read_points
 
 
 @dataclass
@@ -64,7 +64,7 @@ class ImageFolderConfig(CaptureConfig, ABC):
 
 
 def _read(file: Path, setting: str) -> tuple[Points, tuple[str, ...]]:
-    points = read_ply(file, setting)
+    points = read_points(file, setting)
     return points, (f"{file}: {len(points[0])} points",)
 
 

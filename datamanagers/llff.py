@@ -22,7 +22,7 @@ from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.image_folder import ImageFolderConfig
 from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import from_center
+from gsfw.datamanagers.poses import pose_from_center
 
 FILE = "poses_bounds.npy"
 
@@ -60,7 +60,7 @@ def row_camera(row: Float64[np.ndarray, " 17"], where: str) -> tuple[Lens, Float
     lens.check()
     down, right, back = pose[:, 0], pose[:, 1], pose[:, 2]
     rotation = torch.stack([right, down, -back])
-    return lens, from_center(rotation, pose[:, 3], where)
+    return lens, pose_from_center(rotation, pose[:, 3], where)
 
 
 LOOKED_FOR = f"{FILE} with images/, or with images_N/"

@@ -23,7 +23,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.maths.similarity import Similarity
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.metashape_lens import read_lens, text_number, text_numbers
-from gsfw.datamanagers.poses import from_center
+from gsfw.datamanagers.poses import pose_from_center
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -175,7 +175,7 @@ def _similarity(node: Element, where: str) -> Similarity:
     if node.find("rotation") is not None:
         rotation = text_numbers(node, "rotation", 9, where).reshape(3, 3)
         # Checked, and made exactly a rotation, as that of a camera is.
-        rotation = from_center(rotation, translation, where)[:3, :3]
+        rotation = pose_from_center(rotation, translation, where)[:3, :3]
     if node.find("translation") is not None:
         translation = text_numbers(node, "translation", 3, where)
     scale = text_number(node, "scale", where, 1.0)
@@ -187,5 +187,5 @@ def _similarity(node: Element, where: str) -> Similarity:
 def _camera(node: Element, lens: Lens, world: Similarity, where: str) -> MetashapeCamera:
     placed = text_numbers(node, "transform", 16, where).reshape(4, 4)
     rotation = (world.rotation @ placed[:3, :3]).T
-    pose = from_center(rotation, world.apply(placed[:3, 3]), where)
+    pose = pose_from_center(rotation, world.apply(placed[:3, 3]), where)
     return MetashapeCamera(node.get("label", ""), node.get("sensor_id", ""), lens, pose)

@@ -26,7 +26,7 @@ from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.json_file import mapping
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import from_center
+from gsfw.datamanagers.poses import pose_from_center
 
 FILES = ("dataset.json", "metadata.json")
 LOOKED_FOR = "dataset.json and metadata.json with camera/ and rgb/"
@@ -184,7 +184,7 @@ def _frame(file: Path, name: str, image: Path) -> Frame:
         path=image,
         header=read_header(image),
         lens=_lens(content, file),
-        world_to_camera=from_center(orientation, position, str(file)),
+        world_to_camera=pose_from_center(orientation, position, str(file)),
     )
 
 

@@ -22,7 +22,7 @@ from gsfw.datamanagers.camera_sequence import (
 from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.llff import FILE, read_rows, row_camera
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
-from gsfw.datamanagers.point_file import Points, read_ply
+from gsfw.datamanagers.point_file import Points, read_points
 
 LOOKED_FOR = f"{FILE} with cam*.mp4, or with folders cam*"
 POINT_FILES = (
@@ -105,5 +105,5 @@ def _points(folder: Path) -> tuple[Points, str]:
     file = next((folder / name for name in POINT_FILES if (folder / name).is_file()), None)
     if file is None:
         return no_points(), f"there are no points (looked for {', '.join(POINT_FILES)})"
-    points = read_ply(file, "it")
+    points = read_points(file, "it")
     return points, f"{file}: {len(points[0])} points"

@@ -24,7 +24,7 @@ from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points
-from gsfw.datamanagers.poses import from_center
+from gsfw.datamanagers.poses import pose_from_center
 
 FILES = ("sfm_data.json", "sfm_data_expanded.json", "robust.json")
 """File names of OpenMVG's programs."""
@@ -203,7 +203,7 @@ def _frames(
 
 def _pose(entry: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
     rotation = numbers(entry.get("rotation"), 9, f"{where}: rotation").reshape(3, 3)
-    return from_center(rotation, numbers(entry.get("center"), 3, f"{where}: center"), where)
+    return pose_from_center(rotation, numbers(entry.get("center"), 3, f"{where}: center"), where)
 
 
 def _points(content: Mapping[str, Any], file: Path) -> Points:

@@ -28,7 +28,7 @@ from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import from_opencv
+from gsfw.datamanagers.poses import pose_from_opencv
 
 BROWN = ("perspective", "brown", "radial", "simple_radial")
 FISHEYE = ("fisheye", "fisheye_opencv")
@@ -206,7 +206,7 @@ def _same_shape(lens: Lens, width: int, height: int) -> bool:
 def _pose(shot: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
     vector = numbers(shot.get("rotation"), 3, f"{where}: rotation")
     translation = numbers(shot.get("translation"), 3, f"{where}: translation")
-    return from_opencv(
+    return pose_from_opencv(
         torch.cat([rotation_vector_matrices(vector[None])[0], translation[:, None]], 1), where
     )
 

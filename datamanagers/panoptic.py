@@ -26,7 +26,7 @@ from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import from_opencv
+from gsfw.datamanagers.poses import pose_from_opencv
 
 FILES = {Split.TRAIN: "train_meta.json", Split.EVAL: "test_meta.json"}
 POINTS = "init_pt_cld.npz"
@@ -209,7 +209,7 @@ class _MetaFile:
             path=image,
             header=header,
             lens=lens,
-            world_to_camera=from_opencv(w2c, where),
+            world_to_camera=pose_from_opencv(w2c, where),
             moving=moving if moving.is_file() else None,
         )
 

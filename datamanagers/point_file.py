@@ -18,7 +18,7 @@ COLORS = ("red", "green", "blue")
 Points = tuple[Float64[Tensor, "p 3"], Float[Tensor, "p 3"]]
 
 
-def read_ply(path: Path, setting: str) -> Points:
+def read_points(path: Path, setting: str) -> Points:
     """Points, and their colours in [0, 1]; grey where the file has none.
 
     Args:

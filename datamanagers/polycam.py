@@ -27,7 +27,7 @@ from gsfw.datamanagers.frames import (
 from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.json_file import mapping, number, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import from_opengl
+from gsfw.datamanagers.poses import pose_from_opengl
 
 LOOKED_FOR = "keyframes/ with images/ and cameras/ (Polycam's raw data)"
 LENS_KEYS = ("fx", "fy", "cx", "cy", "width", "height")
@@ -106,7 +106,7 @@ class PolycamConfig(CaptureConfig):
             lens = _lens(entry, str(file))
             pose = torch.tensor(values, dtype=torch.float64).reshape(3, 4)
             header = read_header(image)
-            frame = Frame(image.name, image, header, lens, from_opengl(pose, str(file)))
+            frame = Frame(image.name, image, header, lens, pose_from_opengl(pose, str(file)))
             frames.append(replace(frame, camera=cameras.setdefault(lens, len(cameras))))
         return frames, missing, blurred
 

@@ -24,7 +24,7 @@ MIRRORED = (
 """Treatment of poses of a left-handed frame."""
 
 
-def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
+def pose_from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
     """World-to-camera, from a camera-to-world matrix with OpenGL axes (x right, y up, z back).
 
     The rotation becomes the nearest exact one, as a file's rounding would otherwise move cameras
@@ -42,7 +42,7 @@ def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[
     return _rigid(rotation, -(rotation @ center))
 
 
-def from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
+def pose_from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
     """World-to-camera as files give it (x right, y down, z forward), made exactly rigid.
 
     Raises:
@@ -56,7 +56,7 @@ def from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[
     return _rigid(rotation, translation)
 
 
-def from_center(
+def pose_from_center(
     rotation: Float64[Tensor, "3 3"], center: Float64[Tensor, " 3"], where: str
 ) -> Float64[Tensor, "4 4"]:
     """World-to-camera, from its rotation and where the camera is in the world.
@@ -65,7 +65,7 @@ def from_center(
         DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
     """
     placed = torch.cat([rotation, -(rotation @ center)[:, None]], dim=1)
-    return from_opencv(placed, where)
+    return pose_from_opencv(placed, where)
 
 
 def _pose(
@@ -95,7 +95,7 @@ def _pose(
     return left @ right, matrix[:3, 3]
 
 
-def from_quaternion(
+def pose_from_quaternion(
     wxyz: Sequence[float], translation: Sequence[float], where: str
 ) -> Float64[Tensor, "4 4"]:
     """World-to-camera, from its rotation (a quaternion of norm about 1) and translation.

@@ -30,7 +30,7 @@ from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, only_file
 from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import from_opengl
+from gsfw.datamanagers.poses import pose_from_opengl
 
 NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 OPTIONAL = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
@@ -182,7 +182,7 @@ def _pose(values: Mapping[str, float], where: str) -> Float64[Tensor, "4 4"]:
     heading, pitch, roll = (math.radians(values[key]) for key in ("heading", "pitch", "roll"))
     rotation = _turn(2, -heading) @ _turn(0, pitch) @ _turn(1, roll)
     position = torch.tensor([[values[key]] for key in ("x", "y", "alt")], dtype=torch.float64)
-    return from_opengl(torch.cat([rotation, position], dim=1), where)
+    return pose_from_opengl(torch.cat([rotation, position], dim=1), where)
 
 
 def _turn(axis: int, angle: float) -> Float64[Tensor, "3 3"]:

@@ -18,7 +18,7 @@ from gsfw.datamanagers.camera_sequence import (
 )
 from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
-from gsfw.datamanagers.point_file import Points, read_ply
+from gsfw.datamanagers.point_file import Points, read_points
 from gsfw.datamanagers.video import is_video
 
 PATTERNS = ("cameras*.json", "*calib*.json", "*calib*.toml", "*.qca.txt")
@@ -134,7 +134,7 @@ class SynchronisedVideosConfig(MultiCameraConfig):
     def _points(self, folder: Path) -> tuple[Points, str]:
         if not self.points:
             return no_points(), "there are no points (datamanager.points=FILE.ply names them)"
-        points = read_ply(folder / self.points, "datamanager.points")
+        points = read_points(folder / self.points, "datamanager.points")
         return points, f"{folder / self.points}: {len(points[0])} points"
 
 

@@ -16,7 +16,7 @@ from gsfw.datamanagers.frames import (
     no_points,
     number_cameras,
 )
-from gsfw.datamanagers.point_file import Points, read_ply
+from gsfw.datamanagers.point_file import Points, read_points
 from gsfw.datamanagers.transforms_file import SPLIT_FILES, TransformsFile, plain_name
 
 FILE = "transforms.json"
@@ -104,4 +104,4 @@ def _points(file: TransformsFile) -> tuple[Points, tuple[str, ...]]:
     path = file.path.parent / plain_name(str(name))
     if not path.is_file():
         return no_points(), (f"its points (ply_file_path {name}) are not on disk",)
-    return read_ply(path, "ply_file_path"), ()
+    return read_points(path, "ply_file_path"), ()

@@ -21,7 +21,7 @@ from gsfw.datamanagers.frames import Frame
 from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import DEPTH, MILLIMETRE, MapFile
-from gsfw.datamanagers.poses import from_opengl
+from gsfw.datamanagers.poses import pose_from_opengl
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
@@ -128,7 +128,7 @@ class TransformsFile:
             path=image,
             header=header,
             lens=self._lens(entry, header, where),
-            world_to_camera=from_opengl(_matrix(entry, where), where),
+            world_to_camera=pose_from_opengl(_matrix(entry, where), where),
             camera=_camera(entry, where),
             time=number(entry, "time", where),
             mask=self._named(entry, "mask_path", "use every pixel", where),

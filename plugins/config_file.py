@@ -13,6 +13,7 @@ import yaml
 
 from gsfw.core.config import INIT_WORDS
 from gsfw.core.errors import ConfigError
+from gsfw.plugins.registry import package
 from gsfw.plugins.settings import Layer, Settings
 from gsfw.plugins.specs import PROJECT
 
@@ -70,13 +71,7 @@ def write_config(settings: Settings, arguments: Sequence[str]) -> str:
         "gsfw": metadata.version(PROJECT),
         "torch": metadata.version("torch"),
         "python": platform.python_version(),
-        "plugins": sorted(
-            {
-                f"{part.distribution} {part.version}"
-                for part in parts
-                if part.distribution != PROJECT
-            }
-        ),
+        "plugins": sorted({package(part) for part in parts if part.distribution != PROJECT}),
         "command line": shlex.join(["gsfw", *arguments]),
         GIVEN: given,
         **({PLANNED: [*settings.planned]} if settings.planned else {}),

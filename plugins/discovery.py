@@ -5,15 +5,18 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module, metadata
 from types import ModuleType
+from typing import Any
 
 import pluggy
 
 from gsfw.plugins import hooks
+from gsfw.plugins.plugin_path import FROM, VARIABLE, PathPlugin, places, plugins_on_path, removal
 from gsfw.plugins.specs import PROJECT, Spec
+from gsfw.plugins.versions import RangeError, check_range
 
 BUILTIN = (
     "gsfw.plugins.builtin",
@@ -29,7 +32,14 @@ BUILTIN = (
     "gsfw.viewer",
 )
 
+REQUIRES_API = "gsfw_requires_api"
+"""The hook that returns a range of versions; all others return specs."""
+
 HOOKS = tuple(sorted(name for name in vars(hooks) if name.startswith(f"{PROJECT}_")))
+SPEC_HOOKS = tuple(name for name in HOOKS if name != REQUIRES_API)
+
+PLUGIN, HOOK = "plugin", "hook"
+"""Kinds of what is skipped: a plugin, or one of its hooks; the other kinds are slots."""
 
 _UNKNOWN_FIELD = re.compile(r"Spec\.__init__\(\) got an unexpected keyword argument '(\w+)'")
 
@@ -39,14 +49,21 @@ class PluginSource:
     """A plugin: the origin of registrations."""
 
     name: str
-    """Name of its entry point."""
+    """Name of its entry point, or of its module."""
     distribution: str
     version: str
     package: str = ""
     """Top-level module of the entry point; empty without one."""
+    requires_api: str = ""
+    """Range of API versions that it states; empty if it states none."""
 
     def __str__(self) -> str:
         return f"{self.distribution} {self.version}".strip()
+
+    @property
+    def noun(self) -> str:
+        """The package for sentences, such as "gsfw-dots", or "/home/me/mine.py"."""
+        return self.distribution.removeprefix(FROM)
 
 
 @dataclass(frozen=True)
@@ -60,20 +77,51 @@ class BrokenPlugin:
     """A phrase without a period."""
     advice: str
     """The remedy, a sentence."""
-    kind: str = "plugin"
-    """Kind of the failed object: plugin, or the slot of the part."""
+    kind: str = PLUGIN
+    """Kind of the failed object: plugin, hook, or the slot of the part."""
 
     def __str__(self) -> str:
-        package = f"{self.distribution} {self.version}".strip()
-        return f"{self.kind} {self.name!r} ({package}) is skipped: {self.reason}. {self.advice}"
+        return f"{self.skipped}. {self.advice}"
+
+    @property
+    def skipped(self) -> str:
+        """What is skipped and why, as a phrase without a period."""
+        return f"{self.kind} {self.name!r} ({self.package}) is skipped: {self.reason}"
+
+    @property
+    def package(self) -> str:
+        """Package and version: "gsfw-dots 0.3"."""
+        return f"{self.distribution} {self.version}".strip()
+
+    def comes_from(self, package: str) -> bool:
+        """True if a package such as "gsfw-dots 0.3", of any version, is that of this plugin."""
+        return package == self.distribution or package.startswith(f"{self.distribution} ")
 
 
 def other_version(distribution: str) -> str:
     """The remedy for a package and a gsfw that do not fit together."""
-    return (
-        f"This is {PROJECT} {metadata.version(PROJECT)}: install the version of {distribution} "
-        f"that was made for it, or uninstall {distribution}."
-    )
+    this, remove = f"This is {PROJECT} {metadata.version(PROJECT)}", removal(distribution)
+    if distribution.startswith(FROM):
+        return f"{this}: change the plugin, or {remove}."
+    return f"{this}: install the version of {distribution} that was made for it, or {remove}."
+
+
+def other_range(distribution: str, error: RangeError) -> str:
+    """The remedy for a package that asks for other versions of gsfw.api."""
+    if error.needs_newer:
+        return f"Install a newer {PROJECT} (pip install --upgrade {PROJECT}), or an older plugin."
+    if distribution.startswith(FROM):
+        return f"Adapt the plugin and the range, or {removal(distribution)}."
+    return f"Install a newer version of it: pip install --upgrade {distribution}"
+
+
+def import_advice(distribution: str, error: BaseException) -> str:
+    """The remedy for a package whose module cannot be imported."""
+    if not isinstance(error, ImportError):
+        return other_version(distribution)
+    if (error.name or "").partition(".")[0] == PROJECT:
+        return f"{other_version(distribution)} Only gsfw.api stays the same between versions."
+    return f"Install what it needs, or {removal(distribution)}."
 
 
 class Discovery:
@@ -91,47 +139,108 @@ class Discovery:
         for name in BUILTIN:
             self.add(import_module(name), PluginSource(name, PROJECT, version, PROJECT))
 
-    def load_installed(self) -> None:
+    def load_third_parties(self) -> None:
+        """Register the plugins of GSFW_PLUGIN_PATH, then the installed ones.
+
+        ``GSFW_DISABLE_PLUGINS=1`` skips them all.
+        """
+        if os.environ.get("GSFW_DISABLE_PLUGINS") != "1":
+            self.load_installed(self.load_path())
+
+    def load_path(self) -> frozenset[str]:
+        """Register every plugin of GSFW_PLUGIN_PATH, in order; return their top-level modules."""
+        packages = set()
+        for place in places():
+            try:
+                found = plugins_on_path(place)
+            except ValueError as error:
+                source = PluginSource(place.name, f"{FROM}{place}", "")
+                self._skip(source, str(error), f"Correct {VARIABLE}.")
+                continue
+            for plugin in found:
+                packages.add(plugin.package)
+                source = PluginSource(plugin.name, plugin.distribution, "", plugin.package)
+                self._load(plugin, source)
+        return frozenset(packages)
+
+    def load_installed(self, replaced: frozenset[str] = frozenset()) -> None:
         """Register every plugin of the entry-point group ``gsfw``, by distribution and name.
 
-        ``GSFW_DISABLE_PLUGINS=1`` skips them all; ``GSFW_PLUGINS=a,b`` loads only these.
+        ``GSFW_PLUGINS=a,b`` loads only these.
+
+        Args:
+            replaced: top-level modules of plugins of GSFW_PLUGIN_PATH, which replace installed
+                ones: a package and its working copy.
         """
-        if os.environ.get("GSFW_DISABLE_PLUGINS") == "1":
-            return
         only = os.environ.get("GSFW_PLUGINS")
         found = []
         for entry in metadata.entry_points(group=PROJECT):
             distribution = entry.dist.name if entry.dist else "unknown distribution"
             version = entry.dist.version if entry.dist else ""
             package = entry.value.partition(":")[0].partition(".")[0]
-            found.append((PluginSource(entry.name, distribution, version, package), entry))
+            if package not in replaced:
+                found.append((PluginSource(entry.name, distribution, version, package), entry))
         for source, entry in sorted(found, key=lambda item: (item[0].distribution, item[0].name)):
-            if only is not None and entry.name not in only.split(","):
-                continue
-            try:
-                self.add(entry.load(), source)
-            except (Exception, SystemExit) as error:
-                advice = f"Install what it needs, or uninstall {source.distribution}."
-                self._skip(source, f"{type(error).__name__}: {error}", advice)
+            if only is None or source.name in only.split(","):
+                self._load(entry, source)
+
+    def _load(self, entry: metadata.EntryPoint | PathPlugin, source: PluginSource) -> None:
+        """Import and register a plugin; skip it if that fails."""
+        try:
+            self.add(entry.load(), source)
+        except (Exception, SystemExit) as error:
+            advice = import_advice(source.distribution, error)
+            self._skip(source, f"{type(error).__name__}: {error}", advice)
 
     def add(self, plugin: ModuleType | object, source: PluginSource) -> None:
-        """Register one plugin; unknown hooks are ignored, and named in ``broken``."""
-        self._manager.register(plugin, _key(source))
-        self._sources[_key(source)] = source
+        """Register one plugin, unless it asks for another API version.
+
+        Unknown hooks are ignored, and named in ``broken``.
+        """
+        key = _key(source)
+        self._manager.register(plugin, key)
+        try:
+            asked = self._asked_range(key)
+        except RangeError as error:
+            self._manager.unregister(name=key)
+            self._skip(source, str(error), other_range(source.distribution, error))
+            return
+        self._sources[key] = replace(source, requires_api=asked)
         for name in dir(plugin):
             is_hook = getattr(getattr(plugin, name, None), f"{PROJECT}_impl", None) is not None
             if is_hook and name not in HOOKS:
                 near = difflib.get_close_matches(name, HOOKS, 1, cutoff=0.8)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
-                self._skip(source, f"its hook {name!r} does not exist{hint}, the others are used")
+                reason = f"there is no such hook{hint}, the others are used"
+                self._skip(source, reason, hook=name)
+
+    def _asked_range(self, key: str) -> str:
+        """The range of API versions that a plugin states; empty if it states none.
+
+        Raises:
+            RangeError: this gsfw is outside the range, or it cannot be read.
+        """
+        function = self._implementations(REQUIRES_API).get(key)
+        if function is None:
+            return ""
+        try:
+            asked = function()
+        except (Exception, SystemExit) as error:
+            raise RangeError(f"its {REQUIRES_API} {_raised(error)}") from error
+        return check_range(asked)
+
+    def _implementations(self, hook: str) -> dict[str, Callable[[], Any]]:
+        """The functions of a hook, by the key of their plugin."""
+        found = getattr(self._manager.hook, hook).get_hookimpls()
+        return {implementation.plugin_name: implementation.function for implementation in found}
 
     def skip(self, broken: BrokenPlugin) -> None:
         """Record, once, that a plugin or a part of one is skipped."""
         if broken not in self.broken:
             self.broken.append(broken)
 
-    def _skip(self, source: PluginSource, reason: str, advice: str = "") -> None:
-        """Skip a plugin of a third party.
+    def _skip(self, source: PluginSource, reason: str, advice: str = "", hook: str = "") -> None:
+        """Skip a plugin of a third party, or one of its hooks.
 
         Raises:
             TypeError: the plugin is gsfw's own; that is a bug.
@@ -140,7 +249,9 @@ class Discovery:
             raise TypeError(f"{source.name}: {reason}")
         name, version = source.distribution, source.version
         advice = advice or other_version(name)
-        self.skip(BrokenPlugin(source.name, name, version, reason, advice))
+        reason = " ".join(reason.split()).rstrip(".")  # One line, whatever was raised.
+        what, kind = (hook, HOOK) if hook else (source.name, PLUGIN)
+        self.skip(BrokenPlugin(what, name, version, reason, advice, kind))
 
     def remove(self, name: str) -> None:
         """Remove all plugins of this name."""
@@ -154,25 +265,27 @@ class Discovery:
 
         A plugin that raises is skipped.
         """
-        implementations = {
-            implementation.plugin_name: implementation
-            for implementation in getattr(self._manager.hook, hook).get_hookimpls()
-        }
+        implementations = self._implementations(hook)
         for key, source in self._sources.items():
             if key not in implementations:
                 continue
             try:
-                found = implementations[key].function()
+                found = implementations[key]()
                 problem = _problem(found)
             except (Exception, SystemExit) as error:
                 if source.distribution == PROJECT:
                     raise
                 problem = _raised(error)
             if problem:
-                self._skip(source, f"{hook} {problem}")
+                self._skip(source, f"it {problem}", hook=hook)
                 continue
             for spec in found:
-                yield replace(spec, distribution=source.distribution, version=source.version)
+                yield replace(
+                    spec,
+                    distribution=source.distribution,
+                    version=source.version,
+                    requires_api=source.requires_api,
+                )
 
     def third_parties(self) -> list[str]:
         """The packages of all plugins that were registered, except gsfw: "gsfw-dots 0.3"."""
@@ -191,7 +304,7 @@ class Discovery:
         """Top-level modules of a plugin: that of its entry point, and those of its targets."""
         targets = {
             spec.target.partition(".")[0].partition(":")[0]
-            for hook in HOOKS
+            for hook in SPEC_HOOKS
             for spec in self.specs(hook)
             if (spec.distribution, spec.version) == (source.distribution, source.version)
         }

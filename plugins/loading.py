@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from gsfw.core.config import CallbackConfig, CallbackConfigs
 from gsfw.plugins.conformance import problem_of, signature_problem
-from gsfw.plugins.discovery import other_version
+from gsfw.plugins.discovery import import_advice, other_version
 from gsfw.plugins.registry import SLOTS, PartError, Registry, package
 from gsfw.plugins.specs import PROJECT, Spec
 
@@ -34,9 +34,8 @@ def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot hold
     try:
         target = spec.load()
     except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {error}"
-        advice = f"Install what {package(spec)} needs, or choose another {slot}; see gsfw plugins."
-        raise PartError(slot, spec, reason, advice) from error
+        reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
+        raise PartError(slot, spec, reason, import_advice(spec.distribution, error)) from error
     if spec.distribution != PROJECT:
         problem = problem_of(slot, target)
         if problem:

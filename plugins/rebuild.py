@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gsfw.core.column import Column, Layout
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import StoredColumn, StoredModel
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.model import PrimitiveModel
@@ -114,7 +114,7 @@ def rebuild(
         if key.partition(".")[0] not in (*LOCAL, "rasterizer")
         and (with_data or key.partition(".")[0] not in SLOT_KEYS)
     }
-    packages = (f"{stored.distribution} {stored.distribution_version}",)
+    packages = (_package(stored),)
     layers = [Layer(f"model file {path}", values, packages=packages)]
     layers += [changed] if changed else []
     settings = resolve(registry, layers)
@@ -131,14 +131,15 @@ def rebuild(
 
 
 def _check_installed(stored: StoredModel, path: Path, registry: Registry) -> None:
-    known = registry.slot("method")
-    if stored.method not in known:
-        raise DataError(
-            f"{path} holds a model of method {stored.method!r}, which is not installed here: "
-            f"it came with the package {stored.distribution} {stored.distribution_version}.",
-            f"Install that package, if you trust it. Methods that are installed: "
-            f"{', '.join(known)}.",
-        )
+    try:
+        registry.find("method", stored.method, (_package(stored),))
+    except ConfigError as error:
+        raise DataError(f"{path} cannot be opened: {error.message}", error.advice) from error
+
+
+def _package(stored: StoredModel) -> str:
+    """The package of the method: "gsfw-dots 0.3"."""
+    return f"{stored.distribution} {stored.distribution_version}".strip()
 
 
 def _with_points(scene: Scene) -> Scene:

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.discovery import BrokenPlugin, Discovery, PluginSource, other_version
+from gsfw.plugins.discovery import (
+    HOOK,
+    PLUGIN,
+    BrokenPlugin,
+    Discovery,
+    PluginSource,
+    other_version,
+)
+from gsfw.plugins.plugin_path import FROM, VARIABLE, removal
 from gsfw.plugins.specs import PROJECT, Spec
 
 SLOTS = MappingProxyType(
@@ -45,6 +54,15 @@ def package(spec: Spec) -> str:
     return f"{spec.distribution} {spec.version}".strip()
 
 
+def how_to_get(packages: Sequence[str]) -> str:
+    """The remedy for missing packages of a run, such as "gsfw-dots 0.3" or "from /home/me/x.py"."""
+    places = [item.removeprefix(FROM) for item in packages if item.startswith(FROM)]
+    if places:
+        return f"Name the place where it is now: {VARIABLE}={os.pathsep.join(places)}"
+    pins = " ".join(item.replace(" ", "==") for item in packages)
+    return f"Install it, if you trust it: pip install {pins}"
+
+
 def did_you_mean(given: str, known: Iterable[str]) -> str:
     """Suggest the nearest known name in a sentence with a leading space; empty if there is none."""
     near = difflib.get_close_matches(given, list(known), 1, cutoff=0.6)
@@ -69,15 +87,17 @@ class Registry:
     def slot(self, slot: str) -> Mapping[str, Spec]:
         """All parts of a slot, by name.
 
-        Among several with one name, the built-in one wins, then that of the first distribution by
-        name; the others are skipped, and named in ``broken``.
+        Among several with one name, the built-in one wins, then that of GSFW_PLUGIN_PATH, then that
+        of the first distribution by name; the others are skipped, and named in ``broken``.
         """
         found: dict[str, Spec] = {}
         for spec in self._discovery.specs(SLOTS[slot]):
             first = found.setdefault(spec.name, spec)
             if first is not spec:
                 taken = f"this name is taken by {package(first)}"
-                advice = "Uninstall one of the two, or load only some with GSFW_PLUGINS=name,name."
+                advice = f"The first one is used; for the other, {removal(first.distribution)}."
+                if first.distribution == PROJECT:
+                    advice = "The built-in one is used; the other needs another name."
                 self._leave_out(slot, spec, taken, advice)
         return dict(sorted(found.items()))
 
@@ -95,19 +115,27 @@ class Registry:
         specs = self.slot(slot)
         if name in specs:
             return specs[name]
-        missing = [package for package in packages if package not in self.third_parties()]
-        if missing:
-            raise ConfigError(
-                f"no {slot} {name!r} is installed here. The run was made with "
-                f"{', '.join(missing)}.",
-                f"Install it, if you trust it: pip install "
-                f"{' '.join(package.replace(' ', '==') for package in missing)}",
-            )
+        self._check_packages(f"no {slot} {name!r} is installed here", packages)
         broken = "".join(f"\nnote: {plugin}" for plugin in self.broken)
         raise ConfigError(
             f"no {slot} {name!r}.{did_you_mean(name, specs)}",
             f"Installed: {', '.join(specs) or 'none'}.{broken}",
         )
+
+    def _check_packages(self, problem: str, packages: Sequence[str]) -> None:
+        """Name the packages of a run that are skipped or missing, as the cause of a problem.
+
+        Raises:
+            ConfigError: there are some; says how to get them.
+        """
+        for plugin in self.broken:
+            if plugin.kind in (PLUGIN, HOOK) and any(map(plugin.comes_from, packages)):
+                raise ConfigError(f"{problem}: the {plugin.skipped}.", plugin.advice)
+        missing = [package for package in packages if package not in self.third_parties()]
+        if missing:
+            raise ConfigError(
+                f"{problem}. The run was made with {', '.join(missing)}.", how_to_get(missing)
+            )
 
     @property
     def broken(self) -> list[BrokenPlugin]:
@@ -146,5 +174,5 @@ def installed() -> Registry:
     """The registry of this environment."""
     discovery = Discovery()
     discovery.load_builtin()
-    discovery.load_installed()
+    discovery.load_third_parties()
     return Registry(discovery)

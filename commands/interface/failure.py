@@ -88,9 +88,10 @@ def _culprit(error: BaseException) -> tuple[str, str]:
         if owner is not None:
             code = frame.f_code
             place = getattr(code, "co_qualname", code.co_name)  # Python 3.10 has no qualified one.
+            package = f"{owner.noun} {owner.version}".strip()
             return (
-                f"{place} of {owner} ({Path(code.co_filename).name}, line {line})",
-                f"This is a bug of {owner.distribution}, or it was made for another gsfw.",
+                f"{place} of {package} ({Path(code.co_filename).name}, line {line})",
+                f"This is a bug of {owner.noun}, or it was made for another gsfw.",
             )
     plugins = ", ".join(registry.third_parties())
     return "gsfw", f"This is a bug of gsfw{f' or of a plugin: {plugins}' if plugins else ''}."

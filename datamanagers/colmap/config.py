@@ -16,7 +16,7 @@ from gsfw.datamanagers.colmap.reader import lens_of, read_model, read_sightings
 from gsfw.datamanagers.detection import describe_unrecognised
 from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.images import read_header
-from gsfw.datamanagers.poses import from_quaternion
+from gsfw.datamanagers.poses import pose_from_quaternion
 
 LOOKED_FOR = "cameras, images and points3D (.bin or .txt) in sparse/0, in sparse, or in the folder"
 
@@ -94,7 +94,7 @@ def frames_of(model: ColmapModel, folder: Path) -> tuple[tuple[Frame, ...], list
             path=path,
             header=read_header(path),
             lens=lenses[image.camera],
-            world_to_camera=from_quaternion(
+            world_to_camera=pose_from_quaternion(
                 image.quaternion, image.translation, f"{model.cameras_file.parent}: {image.name}"
             ),
             camera=used.index(image.camera),

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import torch
 
-from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import StrategyConfig, steps_field
-from gsfw.core.ranges import number
-from gsfw.core.refiner import Refiner
-from gsfw.plugins.specs import Spec, hookimpl
+from gsfw.api import Feature, Needs, Refiner, Spec, StrategyConfig, hookimpl, number, steps_field
+
+
+@hookimpl
+def gsfw_requires_api() -> str:
+    return ">=1.0,<2"
 
 
 @hookimpl

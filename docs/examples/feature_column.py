@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.column import Column
-from gsfw.core.learning_rate import LearningRate
-from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
-from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
-from gsfw.methods.gaussians3d.model import StaticGaussians
-from gsfw.plugins.specs import Spec, hookimpl
+from gsfw.api import (
+    Column,
+    Feature,
+    LearningRate,
+    Needs,
+    Spec,
+    StaticGaussians,
+    StaticGaussiansConfig,
+    StaticGaussiansMethod,
+    hookimpl,
+)
+
+
+@hookimpl
+def gsfw_requires_api() -> str:
+    return ">=1.0,<2"
 
 
 @hookimpl

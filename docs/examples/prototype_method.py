@@ -10,14 +10,22 @@ from dataclasses import dataclass
 
 import torch
 
-from gsfw.core.column import Column
-from gsfw.core.config import MethodConfig
-from gsfw.core.learning_rate import LearningRate
-from gsfw.core.method import Method
-from gsfw.core.model import PrimitiveModel
-from gsfw.core.ranges import number
-from gsfw.core.splats import Splats
-from gsfw.plugins.specs import Spec, hookimpl
+from gsfw.api import (
+    Column,
+    LearningRate,
+    Method,
+    MethodConfig,
+    PrimitiveModel,
+    Spec,
+    Splats,
+    hookimpl,
+    number,
+)
+
+
+@hookimpl
+def gsfw_requires_api() -> str:
+    return ">=1.0,<2"
 
 
 @hookimpl

@@ -91,6 +91,6 @@ def test_without_any_rasterizer_nothing_can_be_trained(capsys, monkeypatch):
     found = findings(capsys)
     assert found["rasterizers"] == ("broken", "none works here")
     assert found["rasterizer lost"][1].endswith("No module named 'no_such_module_of_gsfw'.")
-    status, details = found["plugin plugin0 of pkg0 1.0"]
+    status, details = found["hook gsfw_samplers (pkg0 1.0)"]
     assert status == "missing"
-    assert details.startswith("gsfw_samplers raised RuntimeError: no network. This is ")
+    assert details.startswith("it raised RuntimeError: no network. This is ")

@@ -7,10 +7,10 @@ from gsfw.commands.main import main
 
 def test_everything_is_listed_with_who_brings_it(capsys):
     assert main(["plugins"]) == 0
-    lines = [line.split(maxsplit=4) for line in capsys.readouterr().out.splitlines()]
-    assert lines[0] == ["slot", "name", "from", "description"]
-    found = {(line[0], line[1]): line[2:] for line in lines[1:] if len(line) == 5}
-    assert found["method", "3dgs"][:2] == ["gsfw", "0.1.0"]
+    lines = [line.split(maxsplit=5) for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == ["slot", "name", "from", "API", "state", "description"]
+    found = {(line[0], line[1]): line[2:] for line in lines[1:] if len(line) == 6}
+    assert found["method", "3dgs"][:3] == ["gsfw", "0.1.0", "ok"]
     assert found["strategy", "mcmc"][-1].endswith("(Kheradmand et al. 2024)")
 
 

@@ -19,7 +19,7 @@ from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.datamanagers.point_file import read_ply
+from gsfw.datamanagers.point_file import read_points
 from gsfw.preparation import native
 from gsfw.preparation.check import plan
 from gsfw.preparation.report import unused_rows
@@ -232,7 +232,7 @@ def write_arc(folder, places=6):
 def test_points_of_all_surfaces_are_written_beside_the_data_set(tmp_path, capsys):
     main(["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", "dense=true"])
     assert "surface points: " in capsys.readouterr().out
-    points, colors = read_ply(tmp_path / "out" / "dense.ply", "dense")
+    points, colors = read_points(tmp_path / "out" / "dense.ply", "dense")
     assert len(points) > 1000
     table = points[:, 2].abs() < 0.05
     assert table.float().mean() > 0.5, "most of an image shows the table, at z = 0"

@@ -254,7 +254,7 @@ def test_a_third_partys_part_that_does_not_import_is_left_out_and_told_once():
     assert [str(item) for item in registry.broken] == [
         "metric 'lost' (pkg1 1.0) is skipped: "
         "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'. "
-        "Install what pkg1 1.0 needs, or choose another metric; see gsfw plugins."
+        "Install what it needs, or uninstall pkg1."
     ]
 
 

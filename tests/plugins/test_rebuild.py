@@ -170,13 +170,10 @@ def test_a_method_that_is_not_installed_is_named_with_its_package(drifting, tmp_
     with pytest.raises(DataError) as caught:
         rebuild(read_model_file(path), path, installed())
     assert caught.value.message == (
-        f"{path} holds a model of method 'drifting', which is not installed here: "
-        "it came with the package drifting-plugin 1.5."
+        f"{path} cannot be opened: no method 'drifting' is installed here. The run was made with "
+        "drifting-plugin 1.5."
     )
-    assert caught.value.advice == (
-        "Install that package, if you trust it. Methods that are installed: "
-        f"{', '.join(installed().slot('method'))}."
-    )
+    assert caught.value.advice == ("Install it, if you trust it: pip install drifting-plugin==1.5")
 
 
 def test_the_data_set_may_be_given_and_has_to_be_that_of_the_model(tmp_path):

@@ -29,8 +29,8 @@ def test_of_two_packages_with_one_name_the_first_is_taken_and_both_are_named():
     registry = registry_of(FakePlugin(), Twin())
     assert registry.slot("strategy")["adc"].distribution == "pkg0"
     assert [str(item) for item in registry.broken] == [
-        "strategy 'adc' (pkg1 1.0) is skipped: this name is taken by pkg0 1.0. Uninstall one of "
-        "the two, or load only some with GSFW_PLUGINS=name,name."
+        "strategy 'adc' (pkg1 1.0) is skipped: this name is taken by pkg0 1.0. The first one "
+        "is used; for the other, uninstall pkg0."
     ]
 
 

@@ -217,7 +217,7 @@ def test_a_plugin_whose_code_cannot_be_imported_is_named():
     assert said == (
         "method 'lost' (pkg1 1.0) cannot be used: "
         "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'.\n"
-        "Install what pkg1 1.0 needs, or choose another method; see gsfw plugins."
+        "Install what it needs, or uninstall pkg1."
     )
 
 

@@ -291,7 +291,7 @@ def test_one_that_does_not_import_is_skipped_with_a_line_and_the_rest_works(site
 BROKEN = {
     "broken_plugin": "No module named 'a_library_that_nobody_has'",
     "duplicate_plugin": "strategy 'adc' (gsfw-duplicate 0.3) is skipped: this name is taken",
-    "misspelt_plugin": "its hook 'gsfw_method' does not exist (did you mean 'gsfw_methods'?)",
+    "misspelt_plugin": "there is no such hook (did you mean 'gsfw_methods'?)",
     "newer_plugin": "registers a Spec with the field 'api_version'",
     "faulty_plugin": "strategy 'plain' (gsfw-faulty 0.3) is skipped: Plain is no dataclass",
     "lost_plugin": "No module named 'nothing_like_this'",

@@ -20,7 +20,7 @@ from gsfw.core.maths.rotations import quaternions_of, rotation_vector_matrices
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
-from gsfw.datamanagers.poses import from_quaternion
+from gsfw.datamanagers.poses import pose_from_quaternion
 from gsfw.datamanagers.transforms import TransformsConfig
 
 SUFFIXES = (".bin", ".txt")
@@ -133,5 +133,5 @@ def test_quaternions_are_those_of_their_rotations():
         rotation = rotation_vector_matrices(vector[None])[0]
         quaternion = tuple(quaternions_of(rotation).tolist())
         assert quaternion[0] >= 0
-        back = from_quaternion(quaternion, (0.0, 0.0, 0.0), "here")[:3, :3]
+        back = pose_from_quaternion(quaternion, (0.0, 0.0, 0.0), "here")[:3, :3]
         assert torch.allclose(back, rotation, rtol=0, atol=1e-12)
