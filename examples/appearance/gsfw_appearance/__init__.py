@@ -4,6 +4,11 @@ from gsfw.api import Spec, hookimpl
 
 
 @hookimpl
+def gsfw_requires_api() -> str:
+    return ">=1.0,<2"
+
+
+@hookimpl
 def gsfw_methods() -> list[Spec]:
     return [
         Spec(

@@ -7,7 +7,7 @@ import sys
 import torch
 from gsfw_appearance.network import Appearance
 
-from gsfw.api import find_run, installed, open_run
+from gsfw.api import open_run
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),
@@ -39,6 +39,6 @@ def test_a_run_learns_and_keeps_its_appearances_in_checkpoints(tmp_path):
     command = ("train", "method=3dgs-appearance", *SCENE, "rescale=false", f"out={out}")
     summary = gsfw(*command, "steps=80", "appearance_start=20")
     assert summary["psnr_fitted"] > 15
-    model = open_run(find_run(str(out), print), installed()).composition.parts.model
+    model = open_run(out).model
     assert len(model.appearance.embeddings) == 6
     assert float(model.appearance.fine.weight.abs().max()) > 0

@@ -31,20 +31,18 @@ def run(arguments: list[str]) -> int:
     options = read("query", QueryOptions, arguments)
     if bool(options.text) == bool(options.point):
         raise ConfigError("gsfw query: give text=WORDS, or point=X,Y,Z.")
-    from gsfw.api import Console, find_run, installed, open_run
+    from gsfw.api import Console, open_run
 
-    console = Console(options.json)
-    found = find_run(options.run, console.say)
-    composition = open_run(found, installed(), options.changed()).composition
-    parts, settings = composition.parts, composition.plan.settings
-    if not hasattr(parts.method, "relevance"):
+    console, opened = Console(options.json), open_run(options.run, options.data, options.device)
+    if not hasattr(opened.method, "relevance"):
         raise ConfigError(
-            f"{found.name} has no features.", "Train with method=feature-3dgs, and query that run."
+            f"{opened.name} has no features.", "Train with method=feature-3dgs, and query that run."
         )
-    vector = _vector(options, parts)
-    folder = Path(options.out) if options.out else found.folder.path / "query"
-    views = _write_views(parts, settings, vector, folder)
-    similarity, place = _best_place(parts, vector)
+    vector = _vector(options, opened)
+    run = Path(opened.name)
+    folder = Path(options.out) if options.out else (run if run.is_dir() else run.parent) / "query"
+    views = _write_views(opened, vector, folder)
+    similarity, place = _best_place(opened, vector)
     best = max(views, key=lambda name: views[name]) if views else "none"
     console.say(f"best at ({', '.join(f'{x:.3g}' for x in place)}), similarity {similarity:.2f}")
     console.say(f"{len(views)} heat maps in {folder}; the hottest view is {best}")
@@ -52,24 +50,24 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
-def _vector(options, parts):
+def _vector(options, opened):
     """The feature that is looked for."""
     import torch
 
     if options.text:
-        return parts.method.extractor.words(options.text)
+        return opened.method.extractor.words(options.text)
     if len(options.point) != 3:
         raise ConfigError(f"point={options.point}: expected three numbers, X,Y,Z.")
     point = torch.tensor(options.point, dtype=torch.float64)
-    in_scene = parts.data.scene.world_from_scene.inverse().apply(point)
+    in_scene = opened.scene.world_from_scene.inverse().apply(point)
     with torch.no_grad():
-        splats = parts.model.splats()
+        splats = opened.model.splats()
         distances = (splats.means.double().cpu() - in_scene).norm(dim=1)
         nearest = distances.topk(min(NEIGHBORS, len(distances)), largest=False).indices
         return splats.extra[nearest.to(splats.extra.device)].mean(0)
 
 
-def _write_views(parts, settings, vector, folder):
+def _write_views(opened, vector, folder):
     """Write the heat map of each held-out view; the largest relevance in each, by name.
 
     The photo is beside it where there is one: a model file has none.
@@ -77,32 +75,31 @@ def _write_views(parts, settings, vector, folder):
     import torch
     from PIL import Image
 
-    from gsfw.api import ModelHandle, Split
+    from gsfw.api import Split
     from gsfw_feature_3dgs.images import heat
 
-    handle, found = ModelHandle(parts.model, parts.rasterizer, settings), {}
-    views = parts.data.views(Split.EVAL)
+    found, views = {}, opened.data.views(Split.EVAL)
     folder.mkdir(parents=True, exist_ok=True)
     for index, (name, camera) in enumerate(zip(views.names, views.cameras, strict=True)):
-        relevance = parts.method.relevance(handle.render(camera.to(parts.device)), vector)
+        relevance = opened.method.relevance(opened.render(camera.to(opened.device)), vector)
         panels = [heat(relevance)]
-        if parts.data.has_images:
-            (batch,) = parts.data.load(Split.EVAL, [index], parts.device)
-            panels.insert(0, batch.target(settings.background)[0])
+        if opened.data.has_images:
+            (batch,) = opened.data.load(Split.EVAL, [index], opened.device)
+            panels.insert(0, batch.target(opened.render_settings.background)[0])
         pixels = torch.cat(panels, dim=1).clamp(0, 1).mul(255).byte().cpu().numpy()
         Image.fromarray(pixels).save(folder / f"{Path(name).stem}.png")
         found[name] = float(relevance.max())
     return found
 
 
-def _best_place(parts, vector):
+def _best_place(opened, vector):
     """Similarity and centre, in the world of the data, of the Gaussians that resemble it most."""
     import torch
     from torch.nn.functional import cosine_similarity
 
     with torch.no_grad():
-        splats = parts.model.splats()
+        splats = opened.model.splats()
         similar = cosine_similarity(splats.extra, vector.to(splats.extra), dim=-1)
         best = (similar * splats.opacities).topk(max(1, int(BEST * len(similar)))).indices
-        place = parts.data.scene.world_from_scene.apply(splats.means[best].median(0).values.cpu())
+        place = opened.scene.world_from_scene.apply(splats.means[best].median(0).values.cpu())
     return float(similar[best].mean()), [float(x) for x in place]

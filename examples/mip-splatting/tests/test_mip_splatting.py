@@ -7,7 +7,7 @@ import pytest
 import torch
 from gsfw_mip_splatting.sampling import SamplingRates
 
-from gsfw.api import Cameras, RenderSettings, Split, find_run, installed, open_run
+from gsfw.api import Cameras, RenderSettings, Split, open_run
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),
@@ -16,7 +16,7 @@ SCENE = (
 
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory):
+def opened(tmp_path_factory):
     """A run of 60 steps with density control, opened again."""
     out = tmp_path_factory.mktemp("mip") / "run"
     grows = ("strategy.refine_start=10", "strategy.refine_every=10", "filter_every=20")
@@ -25,7 +25,7 @@ def parts(tmp_path_factory):
         *("steps=60", "rescale=false"),
     )
     subprocess.run([*command, *SCENE, *grows], check=True, capture_output=True)
-    return open_run(find_run(str(out), print), installed()).composition.parts
+    return open_run(out)
 
 
 def camera(depth, focal=100.0):
@@ -42,16 +42,16 @@ def test_the_rate_is_the_largest_focal_length_over_depth_of_all_cameras_that_see
     assert torch.allclose(rates, torch.tensor([50.0, 25.0, 25.0]))
 
 
-def test_the_filter_follows_edits_of_rows_and_its_schedule(parts):
-    model, views = parts.model, parts.data.views(Split.TRAIN)
+def test_the_filter_follows_edits_of_rows_and_its_schedule(opened):
+    model, views = opened.model, opened.data.views(Split.TRAIN)
     found = model.extra["filter"].values
     expected = 0.2**0.5 / SamplingRates(views.cameras).of(model.means.values.detach())
     assert len(found) == model.num_rows != 300
     assert torch.allclose(found, expected, rtol=1e-4)
 
 
-def test_smoothing_keeps_the_integral_of_each_gaussian(parts):
-    model = parts.model
+def test_smoothing_keeps_the_integral_of_each_gaussian(opened):
+    model = opened.model
     with torch.no_grad():
         smooth = model.splats()
         plain = model.opacity_logits.values.sigmoid() * model.log_scales.values.exp().prod(1)
@@ -59,8 +59,8 @@ def test_smoothing_keeps_the_integral_of_each_gaussian(parts):
     assert torch.allclose(smooth.opacities * smooth.scales.prod(1), plain, rtol=1e-4)
 
 
-def test_a_reset_of_opacities_concerns_those_that_are_rendered(parts):
-    model = parts.model
+def test_a_reset_of_opacities_concerns_those_that_are_rendered(opened):
+    model = opened.model
     before = model.splats().opacities.detach().clone()
     model.change_opacities_(lambda opacities: opacities.clamp(max=0.05))
     after = model.splats().opacities.detach()
@@ -69,6 +69,6 @@ def test_a_reset_of_opacities_concerns_those_that_are_rendered(parts):
     assert torch.equal(after[before < 0.049], before[before < 0.049])
 
 
-def test_renders_use_the_2d_filter_of_the_paper(parts):
-    settings = parts.method.render_settings(RenderSettings(antialias=True), None)
+def test_renders_use_the_2d_filter_of_the_paper(opened):
+    settings = opened.method.render_settings(RenderSettings(antialias=True), None)
     assert settings.profile.dilation == 0.1

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import torch
 
 from gsfw.api import (
@@ -25,6 +24,7 @@ from gsfw.api import (
     Resampling,
     Split,
     number,
+    pose_from_center,
     read_header,
     rotation_matrices,
 )
@@ -103,7 +103,7 @@ class TumConfig(CaptureConfig):
             path / name,
             header,
             Lens(*self._lens(path), header.width, header.height, str(path)),
-            world_to_camera(pose),
+            world_to_camera(pose, f"{path / LISTS[2]}: the pose of {name}"),
             split=split,
             maps={"depth": depth},
         )
@@ -120,30 +120,27 @@ class TumConfig(CaptureConfig):
 
 
 def read_list(file):
-    """The words of each line after its time, by time; # begins a comment."""
-    rows = {}
+    """The rest of each line after its time, by time; # begins a comment.
+
+    The lines of groundtruth.txt have seven numbers, those of the others the name of a file.
+    """
+    rows, is_poses = {}, file.name == LISTS[2]
     for place, line in enumerate(file.read_text().splitlines(), start=1):
-        words = line.partition("#")[0].split()
-        if not words:
+        time, *words = line.partition("#")[0].split() or [""]
+        if not time:
             continue
         try:
-            rows[float(words[0])] = words[1:]
-            least = 7 if file.name == LISTS[2] else 1
-            if len(words) <= least:
+            rows[float(time)] = tuple(map(float, words)) if is_poses else words
+            if len(words) < (7 if is_poses else 1):
                 raise ValueError
         except ValueError:
-            raise DataError(
-                f"{file}:{place}: expected a time and {least} value{'s' * (least > 1)}, "
-                f"found {line.strip()!r}."
-            ) from None
+            expected = "a time and seven numbers" if is_poses else "a time and a file"
+            raise DataError(f"{file}:{place}: expected {expected}, found {line!r}.") from None
     return rows
 
 
-def world_to_camera(pose):
+def world_to_camera(pose, where):
     """The rigid transform [4, 4] of tx ty tz qx qy qz qw, which is camera to world."""
-    place, (x, y, z, w) = np.array(pose[:3], float), np.array(pose[3:7], float)
-    rotation = rotation_matrices(torch.tensor([[w, x, y, z]], dtype=torch.float64))[0]
-    found = torch.eye(4, dtype=torch.float64)
-    found[:3, :3] = rotation.T
-    found[:3, 3] = -rotation.T @ torch.from_numpy(place)
-    return found
+    center, (x, y, z, w) = torch.tensor(pose[:3], dtype=torch.float64), pose[3:7]
+    axes = rotation_matrices(torch.tensor([[w, x, y, z]], dtype=torch.float64))[0]
+    return pose_from_center(axes.T, center, where)

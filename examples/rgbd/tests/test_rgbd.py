@@ -55,7 +55,7 @@ def test_held_out_images_bring_no_points(room):
 
 
 def test_a_pose_leads_from_the_world_into_the_camera():
-    half_turn = world_to_camera(("1", "2", "3", "0", "0", "1", "0"))  # About z.
+    half_turn = world_to_camera((1.0, 2.0, 3.0, 0.0, 0.0, 1.0, 0.0), "here")  # About z.
     point = torch.tensor([2.0, 2.0, 3.0, 1.0], dtype=torch.float64)
     assert torch.allclose(half_turn @ point, point.new_tensor([-1.0, 0.0, 0.0, 1.0]))
 
@@ -66,7 +66,7 @@ def test_a_damaged_line_is_named(room, tmp_path):
     (tmp_path / "groundtruth.txt").write_text("0.0 1 2 3\n")
     with pytest.raises(DataError) as caught:
         TumConfig().recording(tmp_path, 1.0)
-    assert "groundtruth.txt:1: expected a time and 7 values" in str(caught.value)
+    assert "groundtruth.txt:1: expected a time and seven numbers" in str(caught.value)
 
 
 def test_edges_of_the_image_weigh_less():
