@@ -64,8 +64,8 @@ def main(source, steps):
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         scenes = {
-            "exposure": copy(source, root / "exposure", [exposure]),
             "exposure and light": copy(source, root / "light", [light, exposure]),
+            "exposure": copy(source, root / "exposure", [exposure]),
         }
         for scene, data in scenes.items():
             for name, settings in RUNS.items():

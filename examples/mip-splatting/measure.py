@@ -11,7 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-WIDTHS = {"4x": 400, "2x": 200, "1x": 100, "1/2": 50, "1/4": 25, "1/8": 12}
+WIDTHS = {"4x": 400, "2x": 200, "1x": 100, "1/2": 50, "1/4": 25}
 """Widths of the images; training is at 1x."""
 TRAIN_VIEWS, EVAL_VIEWS = 50, 10
 ENTRANTS = {

@@ -114,19 +114,26 @@ class FeatureMethod(StaticGaussiansMethod):
         """The feature maps of a batch at its size: those of the data, or else extracted ones."""
         if MAP in batch.maps:
             return batch.maps[MAP].values
-        height, width = batch.images.shape[1:3]
-        key = (height, width, *batch.views)
+        with torch.no_grad():
+            found = self.extractor.features(batch.images).movedim(-1, 1)
+            size = batch.images.shape[1:3]
+            found = interpolate(found, size, mode="bilinear", antialias=True)
+        return found.movedim(1, -1)
+
+    def trained(self, batch):
+        """The same of a training batch, extracted once for each size of an image."""
+        # Numbers of views count within a split: held-out views must not be looked up here.
+        key = (*batch.images.shape[1:3], *batch.views)
         if key not in self.extracted:
-            with torch.no_grad():
-                found = self.extractor.features(batch.images).movedim(-1, 1)
-                found = interpolate(found, (height, width), mode="bilinear", antialias=True)
-            self.extracted[key] = found.movedim(1, -1)
+            self.extracted[key] = self.wanted(batch)
         return self.extracted[key]
 
     def losses(self, context):
-        batch = context.batch
-        error = (self.model.decoded(context.rendered.extra) - self.wanted(batch)).abs()
-        term = batch.maps[MAP].mean(error) if MAP in batch.maps else error.mean()
+        batch, found = context.batch, self.model.decoded(context.rendered.extra)
+        if MAP in batch.maps:
+            term = batch.maps[MAP].mean((found - self.wanted(batch)).abs())
+        else:
+            term = (found - self.trained(batch)).abs().mean()
         return {**super().losses(context), "features": self._config.feature_weight * term}
 
     def view_metrics(self, batch, rendered):
