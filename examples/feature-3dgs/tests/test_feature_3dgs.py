@@ -11,6 +11,8 @@ import pytest
 import torch
 from gsfw_feature_3dgs.extractors import ColorTerms, load_extractor
 from gsfw_feature_3dgs.images import heat
+from gsfw_feature_3dgs.maps import run as run_features
+from PIL import Image
 
 from gsfw.api import ConfigError
 
@@ -39,6 +41,13 @@ class Wide(ColorTerms):
 
     def words(self, text):
         return super().words(text).repeat(2)
+
+
+class Unused(ColorTerms):
+    """An extractor that must not be asked for features."""
+
+    def features(self, images):
+        raise AssertionError("the data has feature maps")
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +84,34 @@ def test_maps_with_more_channels_are_decoded_also_from_a_model_file(tmp_path):
     gsfw("export", str(run), "format=gsfw", f"out={tmp_path / 'model.gsfw'}")
     found = gsfw("query", str(tmp_path / "model.gsfw"), "text=blue", f"out={tmp_path / 'heat'}")
     assert found["place"] == gsfw("query", str(run), "text=blue")["place"]
+
+
+def capture(folder, views=5, width=24, height=18):
+    """A capture of noise in nerfstudio's format, from cameras in a row."""
+    generator = np.random.default_rng(0)
+    (folder / "images").mkdir(parents=True)
+    lens = {"fl_x": 20, "fl_y": 20, "cx": width / 2, "cy": height / 2, "w": width, "h": height}
+    frames = []
+    for view in range(views):
+        pixels = generator.integers(0, 255, (height, width, 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(folder / "images" / f"{view}.png")
+        pose = np.eye(4)
+        pose[:3, 3] = 0.1 * view, 0.05 * view**2, 4.0
+        frames.append({"file_path": f"images/{view}.png", "transform_matrix": pose.tolist()})
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+
+
+def test_feature_maps_in_files_take_the_place_of_the_extractor(tmp_path):
+    capture(tmp_path / "noise")
+    images, maps = tmp_path / "noise" / "images", tmp_path / "noise" / "features"
+    assert run_features([f"images={images}", f"out={maps}", "json=true"]) == 0
+    assert np.load(maps / "3.npy").shape == (18, 24, 11)
+    summary = gsfw(
+        *("train", "method=feature-3dgs", f"data={tmp_path / 'noise'}", "device=cpu", "steps=3"),
+        *("datamanager.maps=features:features", "extractor=test_feature_3dgs:Unused"),
+        *("init=random", "random_points=60", "report=false", f"out={tmp_path / 'run'}"),
+    )
+    assert 0 <= summary["feature_cosine"] < 1
 
 
 def test_words_are_described_by_the_terms_that_are_nearest():

@@ -57,8 +57,13 @@ class SmoothedGaussians(StaticGaussians):
         return wider, (scales / wider).prod(dim=1)
 
     @torch.no_grad()
+    def opacities(self):
+        """Those that are rendered: what density control prunes and resets is what is seen."""
+        return super().opacities() * self._smoothed()[1]
+
+    @torch.no_grad()
     def change_opacities_(self, function):
-        """Resets concern the opacities that are rendered, so the filter's factor is undone."""
+        """The same opacities, so the filter's factor is undone."""
         _, factors = self._smoothed()
         factors = factors.double().clamp_min(1e-6)
 
