@@ -21,7 +21,7 @@ RUNS = {
 def main(steps):
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder) / "room"
-        write_room(room, frames=24, width=160, noise=0.0)
+        write_room(room, frames=16, width=96, noise=0.0)
         for number, (name, settings) in enumerate(RUNS.items()):
             command = (
                 *(sys.executable, "-m", "gsfw", "train", "method=2dgs", f"data={room}"),
@@ -37,4 +37,4 @@ def main(steps):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 1500)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 600)
