@@ -57,6 +57,7 @@ class ViewMap:
     known: Bool[Tensor, "c h w 1"]
     """False where no value was measured, and outside masks."""
     rule: Resampling = Resampling.MEAN
+    """Rule that resizes the map together with the images."""
 
     @staticmethod
     def of(values: Float[Tensor, "c h w d"], rule: Resampling = Resampling.MEAN) -> ViewMap:
@@ -80,6 +81,7 @@ class Batch:
     images: Float[Tensor, "c h w 3"]
     """Colours as stored, in [0, 1]; straight (not multiplied by alpha)."""
     cameras: Cameras
+    """One per image, at the size of the images."""
     views: tuple[int, ...]
     """Index of each image within its split."""
     alpha: Float[Tensor, "c h w 1"] | None = None
@@ -87,6 +89,7 @@ class Batch:
     mask: Bool[Tensor, "c h w 1"] | None = None
     """True where a pixel is valid; ``None`` when all pixels are."""
     mask_mode: MaskMode = MaskMode.IGNORE
+    """Meaning of the pixels outside the mask; ``valid`` and ``target`` follow it."""
     maps: Mapping[str, ViewMap] = field(default_factory=dict)
     """Per-view maps by name, at the size of the images; ``Views.maps`` names the same ones."""
 

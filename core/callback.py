@@ -38,9 +38,13 @@ class RunInfo:
     """The facts about a run that are known at its start."""
 
     folder: Path
+    """Folder of the run, which exists; a callback may write files of its own there."""
     method: str
+    """Name of the method."""
     scene: str
+    """Name of the capture."""
     steps: int
+    """Length of the run."""
     first_step: int
     """0, or the step from which a resumed run continues."""
     settings: Mapping[str, Any]
@@ -68,9 +72,11 @@ class TrainingView:
     """The first image of a logged step; must not be changed in place."""
 
     name: str
+    """Name of the image."""
     target: Float[Tensor, "h w 3"]
-    """On the device of the run, at the size of this step."""
+    """Over the background, on the device of the run, at the size of this step."""
     rendered: Float[Tensor, "h w 3"]
+    """Not clamped."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +86,15 @@ class StepReport:
     step: int
     """Number of finished steps."""
     loss: float
+    """Sum of all terms."""
     losses: Mapping[str, float]
     """Each weighted term."""
     psnr: float
     """PSNR of the first image of the step, in dB."""
     num_gaussians: int
+    """Rows of the model."""
     learning_rates: Mapping[str, float]
+    """Rate of each column and parameter group."""
     step_ms: float
     """Mean wall-clock time of the steps since the last report, in milliseconds."""
     stage_ms: Mapping[str, float] = field(default_factory=dict)
@@ -109,9 +118,13 @@ class EvaluatedView:
     """One held-out image, rendered."""
 
     name: str
+    """Name of the image."""
     metrics: Mapping[str, float]
+    """Each metric; NaN for one that failed."""
     target: Float[Tensor, "h w 3"]
+    """Over the background, in [0, 1]."""
     rendered: Float[Tensor, "h w 3"]
+    """Not clamped."""
     images: Mapping[str, Float[Tensor, "h w 3"]] = field(default_factory=dict)
     """The method's own images of the view, in [0, 1], by name."""
 

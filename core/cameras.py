@@ -15,8 +15,11 @@ class CameraModel(Enum):
     """Projection model: maps directions to pixels."""
 
     PINHOLE = "pinhole"
+    """Pixels are fx x / z + cx, fy y / z + cy."""
     ORTHOGRAPHIC = "orthographic"
+    """Pixels are fx x + cx, fy y + cy."""
     FISHEYE = "fisheye"
+    """Equidistant: the distance from (cx, cy) is the focal length times the angle to the axis."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,9 @@ class Cameras:
     intrinsics: Float[Tensor, "c 3 3"]
     """[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels; in pixels per scene unit if orthographic."""
     width: int
+    """Pixels."""
     height: int
+    """Pixels."""
     model: CameraModel = CameraModel.PINHOLE
     time: Float[Tensor, " c"] | None = None
     """Capture time in [0, 1] over the whole data set; ``None`` for a static capture."""

@@ -22,33 +22,53 @@ class Feature(Enum):
     """An optional ability of a rasterizer."""
 
     GRADIENT = "gradient"
+    """Gradients of the images for all tensors of the splats; every training needs it."""
     POSE_GRADIENT = "pose gradient"
+    """Gradients for ``Cameras.world_to_camera``, too."""
     SH = "spherical harmonics"
+    """``Splats.colors`` may be ``Sh``."""
     RAGGED_SH = "ragged spherical harmonics"
+    """``Sh`` may have ``offsets``: each splat its own degree."""
     COVARIANCES = "covariance form"
+    """``Splats.covariances`` in place of quats and scales."""
     EXTRA = "extra channels"
+    """``Splats.extra``."""
     DEPTH = "depth"
+    """``RenderSettings.depth``."""
     ANTIALIAS = "antialias"
+    """``RenderSettings.antialias``."""
     SCREEN_GRADIENT = "screen gradient"
+    """``Statistic.SCREEN_GRADIENT``."""
     ABSGRAD = "absgrad"
+    """``Statistic.ABSGRAD``."""
     CONTRIBUTION = "contribution"
+    """``Statistic.CONTRIBUTION``."""
     WEIGHTED_CONTRIBUTION = "contribution weighted by pixels"
+    """``RenderSettings.contribution_weights``, and so ``StepContext.contributions``."""
     FLOAT64 = "float64"
+    """Splats in double precision are rendered in it."""
 
 
 class Determinism(Enum):
     """Guarantee of equal bits when the same inputs are rendered twice."""
 
     BITWISE = "bitwise"
+    """The same bits, of images and gradients."""
     NONE = "none"
+    """The last bits may differ."""
 
 
 @dataclass(frozen=True)
 class Needs:
-    """The requirements of one component: of the rasterizer, and of the model."""
+    """The requirements of one component: of the rasterizer, and of the model.
+
+    ``needs()`` of a configuration returns them; ``super().needs() | Needs(...)`` adds some.
+    """
 
     camera_models: frozenset[CameraModel] = frozenset()
+    """Camera models that it renders with."""
     features: frozenset[Feature] = frozenset()
+    """Abilities that it uses."""
     channels: int = 3
     """Colour channels."""
     profile: str = ""
@@ -85,12 +105,15 @@ class Capabilities:
     devices: frozenset[str] = frozenset()
     """Device types it runs on ("cpu", "cuda"), or would if it could run here."""
     camera_models: frozenset[CameraModel] = frozenset()
+    """Camera models that it renders."""
     features: frozenset[Feature] = frozenset()
+    """Abilities that it has; one that is not here is never asked of it."""
     max_channels: int | None = None
     """Most channels in one pass, colour, extra and depth together; ``None`` for no limit."""
     profile: str = ""
     """Name of the only numerics profile it renders with; empty when it renders with any."""
     determinism: Determinism = Determinism.NONE
+    """Guarantee of equal bits when the same inputs are rendered twice."""
     preference: int = 0
     """``rasterizer=auto`` takes the highest one that fits; the torch reference has 0."""
     unavailable: str = ""

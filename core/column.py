@@ -30,6 +30,8 @@ class Rows:
     """Some rows of a column, in the column's own layout."""
 
     values: Tensor
+    """[r, ...] if dense, [t, r, ...] if stacked, the values of all rows one after another if
+    ragged."""
     lengths: Int[Tensor, " r"] | None = None
     """Number of values of each row; ``None`` unless ragged."""
 
@@ -46,7 +48,10 @@ class Column(nn.Module):
     """
 
     values: Tensor
+    """The rows, in the layout of the column; a parameter if trained. Read anew in every step:
+    an edit of rows replaces it."""
     offsets: Tensor | None
+    """Start of each row among the values, [n + 1], if ragged; else ``None``."""
 
     def __init__(
         self,

@@ -44,8 +44,10 @@ def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # n
     Args:
         default: number of steps at the method's own default length.
         at_least: the smallest value that can be given.
-        floor: lower bound of rescaling (intervals in which statistics have to gather).
+        floor: lower bound of rescaling (intervals in which statistics have to gather); never below
+            ``at_least``.
     """
+    floor = max(floor, at_least)
     return number(default, at_least=at_least, metadata={"unit": "steps", "floor": floor})
 
 
@@ -110,7 +112,7 @@ NO_BUDGET = "none"
 
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
-    """Settings of a density strategy, and of its budget."""
+    """Settings of a density strategy, chosen as ``strategy=NAME``, and of its budget."""
 
     budget: str = NO_BUDGET
     """Final number of Gaussians: none, auto (by the scene), a number, or megabytes as in 20MB."""
@@ -130,7 +132,7 @@ class StrategyConfig(SlotConfig, ABC):
 
 @dataclass
 class SamplerConfig(SlotConfig, ABC):
-    """Settings of a view sampler."""
+    """Settings of a view sampler, chosen as ``sampler=NAME``."""
 
     @abstractmethod
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
@@ -148,7 +150,7 @@ class SamplerConfig(SlotConfig, ABC):
 
 @dataclass
 class RasterizerConfig(SlotConfig, ABC):
-    """Settings of a rasterizer."""
+    """Settings of a rasterizer, chosen as ``rasterizer=NAME``."""
 
     @abstractmethod
     def capabilities(self) -> Capabilities:
@@ -168,6 +170,7 @@ class Detection:
     """Result of checking a folder or file for a data set of some format."""
 
     recognised: bool
+    """True if this is a data set of the format."""
     looked_for: str
     """The sign of the format, as a phrase: "sparse/0/cameras.bin"."""
     found: str = ""
@@ -178,7 +181,7 @@ class Detection:
 
 @dataclass
 class DataManagerConfig(SlotConfig, ABC):
-    """Settings of a source of data."""
+    """Settings of a source of data, chosen as ``datamanager=NAME`` or by what ``data`` holds."""
 
     @classmethod
     @abstractmethod

@@ -28,6 +28,7 @@ class StepContext:
     steps: int
     """Length of the run."""
     batch: Batch
+    """The images that were rendered, with cameras and maps."""
     splats: Splats
     """The rendered splats, still attached to the graph."""
     rendered: RenderOutput
@@ -41,6 +42,7 @@ class StepContext:
     extent: float
     """The scene's extent, in scene units."""
     operators: Operators
+    """Native operations of the device, such as ``l1_dssim``."""
     render: Callable[[Cameras, Float[Tensor, ""] | None], RenderOutput]
     """Renders other cameras at a time with this step's settings and background: pseudo views for
     losses. Decoded, and attached to the graph; without statistics."""

@@ -24,7 +24,9 @@ class Split(Enum):
     """Part of a data set."""
 
     TRAIN = "train"
+    """The views of the loss."""
     EVAL = "eval"
+    """The held-out views, for evaluation only."""
 
 
 def spread(items: Sequence[int], most: int) -> Sequence[int]:
@@ -99,9 +101,8 @@ class DataManager(ABC):
 
     Per-view maps: a data manager names them with their channels in ``Views.maps``, and puts a
     ``ViewMap`` for each into every ``Batch.maps``, undistorted and at the size of the images; the
-    resolution schedule shrinks them by their rule. Formats that are read through
-    ``datamanagers.capture.Capture`` only list files (``Frame.maps``); ``WrappedDataManager`` adds
-    maps to any other data manager.
+    resolution schedule shrinks them by their rule. Formats that derive from ``CaptureConfig`` only
+    list files (``Frame.maps``); ``WrappedDataManager`` adds maps to any other data manager.
     """
 
     has_images: ClassVar[bool] = True

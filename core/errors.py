@@ -5,7 +5,9 @@ class UserError(Exception):
     """An error that the user can correct: shown as one message without a traceback, exit code 2.
 
     The message has the event, the place, the expected and the found value; ``advice`` has the
-    next step of the user.
+    next step of the user::
+
+        raise ConfigError("feature_dim=8: the maps have 16 channels.", "Give feature_dim=16.")
     """
 
     exit_code = 2

@@ -13,6 +13,7 @@ class LearningRate:
     """
 
     initial: float
+    """Learning rate at ``start``."""
     final: float | None = None
     """Learning rate at the end of the decay; ``None``: constant."""
     steps: int = 1

@@ -24,7 +24,13 @@ from gsfw.core.splats import Splats
 
 
 class Method(ABC):
-    """A model and its training: losses, phases, and requirements on the scene."""
+    """A model and its training: losses, phases, and requirements on the scene.
+
+    ``build_model`` and ``losses`` are required. The order of calls in a run: ``check_scene``,
+    ``build_model``, ``begin``, ``refiners``, ``notes``; in each step ``prepare``, and for each
+    batch ``render_settings`` and ``losses``; ``view_metrics`` and ``view_images`` in evaluations;
+    ``report`` at the end.
+    """
 
     def check_scene(self, scene: Scene) -> None:  # noqa: B027
         """Refuse a scene that this method cannot train on.

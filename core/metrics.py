@@ -59,7 +59,10 @@ def is_one_color(
 
 
 class Metric(ABC):
-    """A figure of one image."""
+    """A figure of one held-out image; results show the mean over the views.
+
+    A metric of a plugin that raises is NaN, with one warning, and the run goes on.
+    """
 
     def __init__(self, operators: Operators | None = None) -> None:
         """Use the operators of the run's device; ``None`` for plain torch."""
@@ -72,7 +75,14 @@ class Metric(ABC):
         target: Float[Tensor, "h w 3"],
         valid: Bool[Tensor, "h w 1"] | None,
     ) -> float:
-        """Compare one image over its valid pixels."""
+        """Compare one image over its valid pixels.
+
+        Args:
+            rendered: colours as rendered, over the background; not clamped.
+            target: the image over the same background, in [0, 1].
+            valid: true where a pixel counts; ``None`` when all do. The figure must not depend on
+                the others.
+        """
 
 
 class CautiousMetric(Metric):

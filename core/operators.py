@@ -87,7 +87,10 @@ class AdamMoments:
 
 
 class Operators:
-    """The torch defaults; the set of a device overrides some of them, and compose injects it."""
+    """The operations of a step besides rendering, in plain torch, which runs on any device.
+
+    Methods and refiners get the set of the run's device, which overrides some of them.
+    """
 
     @classmethod
     def preference(cls, device: torch.device) -> int | None:

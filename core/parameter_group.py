@@ -16,6 +16,8 @@ class ParameterGroup:
     name: str
     """Name, unique among the model's groups and columns; used in ``lr/NAME``, reset and freeze."""
     parameters: tuple[nn.Parameter, ...]
+    """The parameters, which the model also holds as an ``nn.Module``."""
     learning_rate: LearningRate
+    """The rate of all of them."""
     weight_decay: float = 0.0
     """Decoupled, as in AdamW (Loshchilov and Hutter 2019)."""

@@ -24,11 +24,17 @@ class StageTime:
     """Duration of one stage of rendering: summed over all threads, and by the wall clock."""
 
     cpu_ms: float
+    """Sum over all threads, in milliseconds."""
     wall_ms: float
+    """By the wall clock, in milliseconds."""
 
 
 class Rasterizer(ABC):
-    """Renders splats. A backend implements ``capabilities`` and ``_render``."""
+    """Renders splats. A backend implements ``capabilities`` and ``_render``.
+
+    Callers use ``render`` and ``contributions``, which check their inputs first. A run asks only
+    for features that ``capabilities`` names: what a backend does not claim, it need not handle.
+    """
 
     @classmethod
     @abstractmethod
@@ -96,4 +102,14 @@ class Rasterizer(ABC):
 
     @abstractmethod
     def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
-        """Render inputs whose form, and with full validation whose values, are checked."""
+        """Render inputs whose form, and with full validation whose values, are checked.
+
+        Images have one row per camera. The cut-offs are those of ``settings.profile``, splats are
+        blended in order of view depth, and the images are composited over ``settings.background``.
+        ``RenderStatistics.zeros`` makes the statistics: ``visible`` and ``radii`` in any case, the
+        others as ``settings.statistics`` asks.
+
+        Returns:
+            Images that are attached to the graph of the splats (and of the poses). Gradient
+            statistics may stay zero until the backward pass fills them in place.
+        """

@@ -71,6 +71,7 @@ class RefineContext:
     table: SplatTable
     """Adds, removes and replaces rows, with their optimizer moments."""
     model: PrimitiveModel
+    """The model of the table; makes new rows (``clone_rows``, ``split_rows``)."""
     generator: torch.Generator
     """The only source of randomness, on the model's device."""
     limits: GrowthLimits
@@ -95,8 +96,10 @@ class Refiner(ABC):
     All batches of a step are rendered before any is observed. The order of calls in a step is
     ``statistics``, ``depth`` and ``needs_view_gradients``; for each batch ``regularizers`` and
     ``before_backward``; after the optimizer step, for each batch, ``observe``; then ``refine``.
-    In a run that has to end in a time an update may stand for several steps of the schedule, or for
-    none (``core.loop.pace``): ``refine`` then is called for each of these steps, in order.
+    In a run that has to end in a time (minutes=, until=) an update may stand for several steps of
+    the schedule, or for none: ``refine`` then is called for each of these steps, in order.
+
+    Only ``refine`` is required, and a ``name``.
     """
 
     name: ClassVar[str]

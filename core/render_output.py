@@ -75,6 +75,7 @@ class RenderOutput:
     alpha: Float[Tensor, "c h w 1"]
     """1 - remaining transmittance; 0 where there is no splat."""
     statistics: RenderStatistics
+    """Values per camera and splat."""
     depth: Float[Tensor, "c h w 1"] | None = None
     """Depth in scene units; ``None`` when not requested."""
     extra: Float[Tensor, "c h w e"] | None = None

@@ -16,6 +16,7 @@ class Depth(Enum):
     """Kind of depth image."""
 
     NONE = "none"
+    """No depth image."""
     EXPECTED = "expected"
     """Sum of weight times view depth, divided by the sum of weights; 0 where there is no splat."""
     ACCUMULATED = "accumulated"
@@ -26,8 +27,11 @@ class Statistic(Enum):
     """Per-splat quantity that is measured during rendering; see ``RenderStatistics``."""
 
     SCREEN_GRADIENT = "screen gradient"
+    """Gradient of the loss for the centre in the image; the backward pass writes it."""
     ABSGRAD = "absgrad"
+    """The same, with the absolute gradient of each pixel; the backward pass writes it."""
     CONTRIBUTION = "contribution"
+    """Sum of alpha times transmittance over the pixels; the forward pass writes it."""
 
 
 class Validation(Enum):
@@ -59,13 +63,16 @@ class RenderSettings:
     antialias: bool = False
     """Reduce opacities by the area that dilation adds (Mip-Splatting, Yu et al. 2024)."""
     depth: Depth = Depth.NONE
+    """Depth image to render besides colour."""
     statistics: frozenset[Statistic] = field(default_factory=frozenset)
     """Statistics to measure; the backward pass writes the gradient ones."""
     contribution_weights: Float[Tensor, "c h w 1"] | None = None
     """Weight of each pixel in ``Statistic.CONTRIBUTION``, such as a mask or an error image; any
     finite number, without gradient. ``None`` for ones."""
     profile: NumericsProfile = DEFAULT
+    """Cut-offs and constants to render with."""
     validation: Validation = Validation.FULL
+    """Checks of the inputs; the training loop makes the cheap ones only."""
 
     def needs(self) -> Needs:
         """The needs of these settings from a rasterizer."""

@@ -15,6 +15,7 @@ class Scene:
     """Facts about a capture for the method before training; lengths are in scene units."""
 
     name: str
+    """Name for folders and messages."""
     points: Float[Tensor, "p 3"]
     """Surface points in the scene frame; [0, 3] when the data set has none."""
     point_colors: Float[Tensor, "p 3"]

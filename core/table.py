@@ -17,6 +17,8 @@ from gsfw.core.operators import AdamMoments
 class SplatTable:
     """A model's columns and their optimizer moments, edited together; failed edits change nothing.
 
+    ``Children``, the new rows of an edit, map the name of every column to ``Rows``.
+
     Every edit is computed in full before anything changes, so that an error (out of memory,
     wrong shapes) leaves model and optimizer unchanged. Kept rows keep their moments;
     the moments of new and replaced rows start at zero.

@@ -49,7 +49,10 @@ SMALL_LENS = 4_000_000
 
 
 class Capture(DataManager):
-    """The frames of a recording in the scene frame, with their images decoded as needed."""
+    """The frames of a recording in the scene frame, with their images decoded as needed.
+
+    ``CaptureConfig.build`` makes it; formats write ``CaptureConfig.recording`` only.
+    """
 
     def __init__(
         self,

@@ -23,7 +23,11 @@ WIDEST = 160.0
 
 @dataclass(kw_only=True)
 class CaptureConfig(DataManagerConfig, ABC):
-    """Settings of masks, and of distorted lenses; images of pinholes stay as they are."""
+    """Settings of every format whose images were taken by cameras: lenses, masks, per-view maps.
+
+    A format derives from it (``@dataclass(kw_only=True)``), adds its own settings, and implements
+    ``detect`` and ``recording``. Images of pinholes stay as they are.
+    """
 
     own_maps: ClassVar[frozenset[str]] = frozenset()
     """Names of the per-view maps that data sets of this format may have, without ``maps``."""

@@ -46,13 +46,16 @@ USUAL = LensRule()
 
 @dataclass(frozen=True)
 class Frame:
-    """One image."""
+    """One image of a recording, with its camera."""
 
     name: str
     """As the data set calls it; relative to its folder."""
     path: Path
+    """File of the image, or of the video that ``shot`` is in."""
     header: Header
+    """Size of the stored image, from ``read_header``."""
     lens: Lens
+    """Camera model and distortion, in pixels of the image that the cameras were computed from."""
     world_to_camera: Float64[Tensor, "4 4"]
     """Rigid, OpenCV axes, in the world of the data."""
     camera: int = 0
@@ -62,11 +65,11 @@ class Frame:
     split: Split | None = None
     """The part the data set itself puts it in; ``None`` when it leaves that open."""
     mask: Path | None = None
-    """DecodedImage that is bright where pixels are valid; ``None`` when all are."""
+    """Image that is bright where pixels are valid; ``None`` when all are."""
     moving: Path | None = None
-    """DecodedImage that is bright where something moves; ``None`` when nobody said."""
+    """Image that is bright where something moves; ``None`` when the data set does not say."""
     shot: Shot | None = None
-    """Number of the image in the video at ``path``; ``None`` if the path is that of an image."""
+    """The image in the video at ``path``; ``None`` if the path is that of an image."""
     maps: Mapping[str, MapFile] = field(default_factory=dict)
     """Files of per-view maps by name, such as "depth". The framework undistorts, shrinks, masks
     and caches them, and puts them into ``Batch.maps``. Every frame needs all maps that any frame
@@ -138,9 +141,11 @@ class Recording:
     """Contents of a format's files, before anything is held out, moved or scaled."""
 
     name: str
+    """Name of the capture, for folders and messages."""
     path: Path
     """The data set, for messages."""
     frames: tuple[Frame, ...]
+    """In any order; views are sorted by name."""
     points: Float64[Tensor, "p 3"]
     """Surface points in the world of the data; [0, 3] when there are none."""
     point_colors: Float[Tensor, "p 3"]

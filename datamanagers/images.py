@@ -55,7 +55,9 @@ class Header:
     width: int
     """Pixels of the upright image."""
     height: int
+    """Pixels of the upright image."""
     has_alpha: bool
+    """True if the file has transparency."""
     orientation: int = 1
     """The EXIF orientation that was applied; 1 when there is none."""
 

@@ -57,18 +57,24 @@ OVERFLOW = 1e9
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera: a pinhole, unless it says otherwise."""
+    """The intrinsics of a camera: a pinhole, unless it says otherwise."""
 
     fx: float
+    """Focal length across, in pixels."""
     fy: float
+    """Focal length down, in pixels."""
     cx: float
+    """Principal point from the left edge, in pixels: the centre of the first pixel is at 0.5."""
     cy: float
+    """Principal point from the upper edge, in pixels."""
     width: int
+    """Pixels."""
     height: int
+    """Pixels."""
     source: str = field(compare=False)
     """Source of the figures, for messages: "camera 1 of sparse/0/cameras.bin"."""
     model: str = "PINHOLE"
-    """As COLMAP calls it."""
+    """Camera model as COLMAP calls it, such as OPENCV or OPENCV_FISHEYE."""
     distortion: tuple[float, ...] = ()
     """COLMAP's parameters after fx, fy, cx, cy (or f, cx, cy), in COLMAP's order."""
 

@@ -45,6 +45,7 @@ class MapFile:
     path: Path
     """.npy or .npz (one array [h, w, d] or [h, w]), or an image of 8, 16 or 32 bits a channel."""
     rule: Resampling = Resampling.MEAN
+    """Rule that undistorts and resizes the map."""
     unit: float = 1.0
     """Factor of the stored numbers; for depth it leads to units of the data's world."""
 

@@ -229,9 +229,10 @@ class Video:
 
 @dataclass(frozen=True)
 class Shot:
-    """One image of a video."""
+    """One image of a video, as ``Frame.shot``."""
 
     video: Video
+    """The video, from ``Video.read``."""
     number: int
     """Counted from 0."""
 

@@ -85,7 +85,7 @@ class BrokenPlugin:
 
     @property
     def skipped(self) -> str:
-        """What is skipped and why, as a phrase without a period."""
+        """The skipped part and the cause, as a phrase without a period."""
         return f"{self.kind} {self.name!r} ({self.package}) is skipped: {self.reason}"
 
     @property

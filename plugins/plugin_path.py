@@ -29,7 +29,7 @@ class PathPlugin:
     place: Path
     """The file or folder, absolute."""
     target: str
-    """What the entry point names: "package.module", or "module:object"."""
+    """Module or object of the entry point: "package.module", or "module:object"."""
     is_tree: bool = False
     """True for a source tree with a pyproject.toml."""
 

@@ -133,9 +133,8 @@ class Registry:
                 raise ConfigError(f"{problem}: the {plugin.skipped}.", plugin.advice)
         missing = [package for package in packages if package not in self.third_parties()]
         if missing:
-            raise ConfigError(
-                f"{problem}. The run was made with {', '.join(missing)}.", how_to_get(missing)
-            )
+            names = ", ".join(item.removeprefix(FROM) for item in missing)
+            raise ConfigError(f"{problem}. The run was made with {names}.", how_to_get(missing))
 
     @property
     def broken(self) -> list[BrokenPlugin]:

@@ -128,7 +128,11 @@ def words(name: str, least: int = 1) -> Any:  # noqa: ANN401 - a dataclass field
 
 @dataclass(kw_only=True)
 class Options:
-    """Options of a verb; the docstring's first line is the summary of the verb."""
+    """Options of a verb; the docstring's first line is the summary of the verb.
+
+    A verb derives from it (``@dataclass(kw_only=True)``). A field is an option KEY=VALUE, whose
+    docstring is its help; ``word`` makes it a bare word.
+    """
 
     examples: ClassVar[tuple[str, ...]] = ()
     """Command lines for the help."""

@@ -36,11 +36,15 @@ class OpenedRun:
     data: DataManager
     """Scene, views and images. A model file has no images, unless ``data`` was given."""
     method: Method
+    """The method, as built."""
     model: PrimitiveModel
+    """The model, with the state of the checkpoint."""
     rasterizer: Rasterizer
+    """That of the run, or the one that fits ``device``."""
     render_settings: RenderSettings
     """Those of an evaluation of the run, with its background."""
     device: torch.device
+    """Device of the model, for ``data.load`` and cameras."""
 
     @property
     def scene(self) -> Scene:

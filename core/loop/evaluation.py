@@ -35,6 +35,7 @@ class Evaluation:
     views: tuple[str, ...]
     """Names of the compared views."""
     per_view: tuple[Mapping[str, float], ...]
+    """Each metric by name, view by view, in the order of ``views``."""
     render_ms: float
     """Median wall-clock time to render one view, in milliseconds."""
     means: Mapping[str, float] = field(default_factory=dict)

@@ -26,8 +26,11 @@ class Similarity:
     """
 
     scale: float = 1.0
+    """Positive."""
     rotation: Float[Tensor, "3 3"] = field(default_factory=_identity)
+    """A rotation matrix."""
     translation: Float[Tensor, " 3"] = field(default_factory=_origin)
+    """In units of the frame that it leads to."""
 
     def apply(self, points: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
         """Transform points; the result is float64."""

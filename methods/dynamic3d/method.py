@@ -63,7 +63,7 @@ class TrackedGaussiansMethod(MovingMethod):
 
     def __init__(self, config: TrackedGaussiansConfig) -> None:
         super().__init__(config)
-        self._config = config
+        self.config = config
         self._extent, self._num_times = 1.0, 0
         self._views_at: Mapping[float, int] = {}
         self._first_step: int | None = None
@@ -78,8 +78,8 @@ class TrackedGaussiansMethod(MovingMethod):
         """
         self._views_at = dict(sorted(Counter(views.times or ()).items()))
         assert isinstance(model, TrackedGaussians)
-        if self._config.segmentation_weight > 0 and has_masks(views):
-            model.add_segmentation(LearningRate(self._config.optim.segmentation_lr))
+        if self.config.segmentation_weight > 0 and has_masks(views):
+            model.add_segmentation(LearningRate(self.config.optim.segmentation_lr))
             self._has_masks = True
 
     def check_scene(self, scene: Scene) -> None:
@@ -106,8 +106,8 @@ class TrackedGaussiansMethod(MovingMethod):
         """L1 and SSIM of the images, and of the segmentation if there are masks."""
         losses = dict(super().losses(context))
         if self._has_masks:
-            masks = mask_loss(context, self._config.ssim_weight)
-            losses["segmentation"] = self._config.segmentation_weight * masks
+            masks = mask_loss(context, self.config.ssim_weight)
+            losses["segmentation"] = self.config.segmentation_weight * masks
         return losses
 
     def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
@@ -132,7 +132,7 @@ class TrackedGaussiansMethod(MovingMethod):
         initial: Splats | None,
     ) -> TrackedGaussians:
         """Build Gaussians from a file's splats, from points of the first time, or at random."""
-        config = self._config
+        config = self.config
         self._extent, self._num_times = scene.extent, scene.num_times
         canonical = self._static.build_model(first_points(scene), operators, generator, initial)
         regularization = Regularization(
@@ -178,18 +178,18 @@ class TrackedGaussiansMethod(MovingMethod):
         run: the number of trained times is unknown, as some may be held out.
         """
         if self._first_step is None:
-            self._planned_steps = max((self._config.steps - step) // (self._num_times - 1), 1)
+            self._planned_steps = max((self.config.steps - step) // (self._num_times - 1), 1)
         else:
             self._planned_steps = step - self._first_step
         self._first_step = step
         optimizer.reset(MOVING)
-        moving = {*MOVING, "sh_dc"} if self._config.colors == "soft" else {*MOVING}
+        moving = {*MOVING, "sh_dc"} if self.config.colors == "soft" else {*MOVING}
         optimizer.freeze(model.columns().keys() - moving)
 
     def _set_rates(self, model: TrackedGaussians) -> None:
         """Learning rates of a step; they decay within a time, from its first view."""
         assert self._first_step is not None
-        optim = self._config.optim
+        optim = self.config.optim
         for column, rate in (
             (model.canonical.means, optim.tracked_means_lr * self._extent),
             (model.canonical.quats, optim.tracked_quats_lr),

@@ -58,9 +58,17 @@ class StaticGaussiansMethod(Method):
 
     model_class: ClassVar[type[StaticGaussians]] = StaticGaussians
     """Class of the model."""
+    config: GaussiansConfig
+    """The settings of the run; a derived class may annotate its own."""
 
     def __init__(self, config: GaussiansConfig, ignore_time: bool = False) -> None:
-        self._config = config
+        """Keep the settings.
+
+        Args:
+            config: settings of the run.
+            ignore_time: true to treat all times of a capture as one.
+        """
+        self.config = config
         self._ignore_time = ignore_time
         self._first_degree = 0
 
@@ -77,7 +85,7 @@ class StaticGaussiansMethod(Method):
                 "Use a dynamic method (gsfw plugins lists them), or ignore_time=true to train on "
                 "all times as if they were one; what moves becomes blurred.",
             )
-        if self._config.init == "points" and len(usable_points(scene)[0]) == 0:
+        if self.config.init == "points" and len(usable_points(scene)[0]) == 0:
             raise ConfigError(
                 f"init=points: {scene.name!r} brings {len(scene.points)} points, "
                 "and none that can be used.",
@@ -89,15 +97,15 @@ class StaticGaussiansMethod(Method):
         notes = self._notes_of_bands()
         if scene.is_dynamic:
             notes.append(f"ignore_time=true: {scene.num_times} times are treated as one.")
-        if self._config.init not in (AUTO, "points", "random"):
+        if self.config.init not in (AUTO, "points", "random"):
             return tuple(notes)
         points, _, dropped = usable_points(scene)
         if self.starts_at_random(points):
-            why = "init=random" if self._config.init == "random" else "there are no points to use"
+            why = "init=random" if self.config.init == "random" else "there are no points to use"
             notes.append(
                 f"Starting from {self.random_points(scene):,} random splats ({why}). {RANDOM_COST}"
             )
-            if self._config.random_region == "object" and object_place(scene) is None:
+            if self.config.random_region == "object" and object_place(scene) is None:
                 notes.append(
                     "random_region=object: the cameras neither stand on a sphere nor look at one "
                     "point; splats start among the cameras."
@@ -108,8 +116,8 @@ class StaticGaussiansMethod(Method):
 
     def _notes_of_bands(self) -> list[str]:
         """Note on a run that is too short to add or to remove bands."""
-        bands, every = self._config.bands, self._config.bands.every
-        if self._config.sh != "adaptive":
+        bands, every = self.config.bands, self.config.bands.every
+        if self.config.sh != "adaptive":
             return []
         if bands.grow_stop < every:
             return [
@@ -126,11 +134,11 @@ class StaticGaussiansMethod(Method):
 
     def starts_at_random(self, points: Tensor) -> bool:
         """True if the initialisation without a file is random, given the usable points."""
-        return self._config.init == "random" or len(points) == 0
+        return self.config.init == "random" or len(points) == 0
 
     def random_points(self, scene: Scene) -> int:
         """Number of splats of a random initialisation: as given, or as the views can use."""
-        given = self._config.random_points
+        given = self.config.random_points
         return random_count(scene.view_pixels) if given == "auto" else given
 
     def build_model(
@@ -141,7 +149,7 @@ class StaticGaussiansMethod(Method):
         initial: Splats | None,
     ) -> StaticGaussians:
         """Build Gaussians from the splats of a file, from the scene's points, or at random."""
-        config = self._config
+        config = self.config
         if initial is not None:
             assert isinstance(initial.colors, Sh)
             self._first_degree = min(initial.colors.degree, config.sh_degree)
@@ -154,7 +162,10 @@ class StaticGaussiansMethod(Method):
         return self.model_class(start, rates, degrees, extra)
 
     def extra_columns(self, scene: Scene, count: int) -> Mapping[str, Column]:
-        """Further columns of the model, by name, for ``count`` rows; none by default."""
+        """Further columns of the model, by name, for ``count`` rows; none by default.
+
+        The model has them in ``model.extra``, by name.
+        """
         return {}
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
@@ -163,17 +174,17 @@ class StaticGaussiansMethod(Method):
         found = self.penalties()
         if model.evidence is None:
             return found
-        return (AdaptiveBands(self._config.bands, model, len(scene.camera_centers)), *found)
+        return (AdaptiveBands(self.config.bands, model, len(scene.camera_centers)), *found)
 
     def penalties(self) -> tuple[Refiner, ...]:
         """The opacity penalty, if it has a weight."""
-        weight = self._config.opacity_penalty
+        weight = self.config.opacity_penalty
         return (OpacityPenalty(weight),) if weight > 0 else ()
 
     def _from_scene(
         self, scene: Scene, operators: Operators, generator: torch.Generator
     ) -> GaussianParameters:
-        config = self._config
+        config = self.config
         points, colors, _ = usable_points(scene)
         if self.starts_at_random(points):
             count = self.random_points(scene)
@@ -194,13 +205,13 @@ class StaticGaussiansMethod(Method):
         Squared differences take the place of L1 before the step ``squared_steps``, and with several
         times as one: L1 would show the median of all times, in which things that move are missing.
         """
-        weight = self._config.ssim_weight
+        weight = self.config.ssim_weight
         rendered, target, valid = context.rendered.color, context.target, context.batch.valid
         blurs = self._ignore_time and context.batch.cameras.time is not None
-        if context.step >= self._config.squared_steps and not blurs:
+        if context.step >= self.config.squared_steps and not blurs:
             l1, dssim = context.operators.l1_dssim(rendered, target, valid)
             return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
-        squares = self._config.squared_weight * masked_mean((rendered - target).square(), valid)
+        squares = self.config.squared_weight * masked_mean((rendered - target).square(), valid)
         if weight == 0:
             return {"squared": squares}
         _, dssim = context.operators.l1_dssim(rendered, target, valid)
@@ -224,6 +235,6 @@ class StaticGaussiansMethod(Method):
         assert isinstance(model, StaticGaussians)
         if model.evidence is not None:
             return
-        interval = self._config.sh_degree_interval
+        interval = self.config.sh_degree_interval
         scheduled = (step + 1) // interval if interval > 0 else model.degree
         model.active_degree = min(max(scheduled, self._first_degree), model.degree)

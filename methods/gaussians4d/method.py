@@ -54,7 +54,7 @@ class DeformationMethod(MovingMethod):
 
     def __init__(self, config: DeformationConfig) -> None:
         super().__init__(config, config)
-        self._config = config
+        self.config = config
 
     def build_model(
         self,
@@ -64,7 +64,7 @@ class DeformationMethod(MovingMethod):
         initial: Splats | None,
     ) -> DeformedGaussians:
         """Canonical Gaussians as in method 3dgs, and a field."""
-        config = self._config
+        config = self.config
         canonical = self._static.build_model(scene, operators, generator, initial)
         box = SpaceBox(canonical.means.values.detach(), scene.extent)
         encoder = _encoder(config, scene, operators, generator)
@@ -84,7 +84,7 @@ class DeformationMethod(MovingMethod):
     ) -> None:
         """Set the phases and the SH degree of the step."""
         assert isinstance(model, DeformedGaussians)
-        config = self._config
+        config = self.config
         model.deforming = step >= config.coarse_steps
         # Under squared differences much is hidden that moves into sight later: without it, 500
         # steps of mujoco_collision end with 8 Gaussians.

@@ -33,7 +33,7 @@ class SlicedGaussiansMethod(MovingMethod):
 
     def __init__(self, config: SlicedGaussiansConfig) -> None:
         super().__init__(config, config)
-        self._config = config
+        self.config = config
 
     def build_model(
         self,
@@ -43,7 +43,7 @@ class SlicedGaussiansMethod(MovingMethod):
         initial: Splats | None,
     ) -> SlicedGaussians:
         """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
-        config = self._config
+        config = self.config
         canonical = self._static.build_model(scene, operators, generator, initial)
         if initial is None:
             centers = self.start_times(scene, canonical.num_rows, generator)

@@ -40,7 +40,7 @@ class SpacetimeMethod(MovingMethod):
         # The decoder adds view dependence, so base colours need no bands.
         canonical = config if config.colors == "sh" else replace(config, sh_degree=0)
         super().__init__(canonical, config)
-        self._config = config
+        self.config = config
         self._model: SpacetimeGaussians | None = None
 
     def build_model(
@@ -51,7 +51,7 @@ class SpacetimeMethod(MovingMethod):
         initial: Splats | None,
     ) -> SpacetimeGaussians:
         """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
-        config = self._config
+        config = self.config
         canonical = self._static.build_model(scene, operators, generator, initial)
         count = canonical.num_rows
         if initial is None:
@@ -84,7 +84,7 @@ class SpacetimeMethod(MovingMethod):
         found = super().refiners(scene, model)
         if not isinstance(model, AdaptiveSpacetimeGaussians):
             return found
-        return (*found, Simplification(self._config, model))
+        return (*found, Simplification(self.config, model))
 
     def report(self) -> Mapping[str, Any]:
         """Number of rows with each temporal parameter, and of removals, with motion=adaptive."""

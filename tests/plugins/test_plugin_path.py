@@ -127,6 +127,6 @@ def test_a_run_records_the_place_and_names_it_where_it_is_missing(tmp_path):
         resolve(registry_of(), [read_config(file)])
     assert str(caught.value) == (
         "no method 'demo' is installed here. The run was made with "
-        f"from {tmp_path}/mine.py.\n"
+        f"{tmp_path}/mine.py.\n"
         f"Name the place where it is now: GSFW_PLUGIN_PATH={tmp_path}/mine.py"
     )

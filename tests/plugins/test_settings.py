@@ -1,9 +1,11 @@
 """Tests of gsfw.plugins.settings."""
 
+from dataclasses import dataclass
+
 import pytest
 from support.fake_parts import Demo, FakePlugin, fake_registry, registry_of
 
-from gsfw.core.config import MethodConfig, Rescaled
+from gsfw.core.config import MethodConfig, Rescaled, step_settings, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
@@ -151,6 +153,15 @@ def test_steps_stretch_schedules_upwards_too():
 
 def test_rescale_false_keeps_the_papers_absolute_steps():
     assert settings(steps="3000", rescale="false").flat()["strategy.until"] == 15_000
+
+
+def test_a_setting_is_not_rescaled_below_what_may_be_given():
+    @dataclass
+    class Patient:
+        wait: int = steps_field(500, at_least=20)
+        every: int = steps_field(100, at_least=1, floor=50)
+
+    assert step_settings(Patient()) == {"wait": (500, 20), "every": (100, 50)}
 
 
 def test_a_floor_never_raises_a_setting():
