@@ -17,6 +17,9 @@ if TYPE_CHECKING:  # Configurations state needs before torch is imported.
 DEPTH_CHANNELS = 2
 """Channels of an expected depth image: the sum of weighted depths, and the sum of weights."""
 
+SPLATTING = "splatting"
+"""The rule of Kerbl et al. 2023: projected Gaussians are blended in the order of depth."""
+
 
 class Feature(Enum):
     """An optional ability of a rasterizer."""
@@ -114,6 +117,9 @@ class Capabilities:
     """Name of the only numerics profile it renders with; empty when it renders with any."""
     determinism: Determinism = Determinism.NONE
     """Guarantee of equal bits when the same inputs are rendered twice."""
+    rule: str = SPLATTING
+    """Name of the rule of its images. Backends of one rule make the same images, and are held to
+    the reference; one with a rule of its own, such as rays or surfels, is not."""
     preference: int = 0
     """``rasterizer=auto`` takes the highest one that fits; the torch reference has 0."""
     unavailable: str = ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import torch
 
-from gsfw.core.capabilities import Capabilities, Needs, check_fit
+from gsfw.core.capabilities import SPLATTING, Capabilities, Needs, check_fit
 from gsfw.core.config import AUTO, RasterizerConfig
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT, PROFILES
@@ -140,8 +140,7 @@ def choose_all(
 
 def _why_not(able: Capabilities) -> str:
     """The reason why a rasterizer takes part by name only; empty for all others."""
-    # No run chooses a negative preference by itself: such a rasterizer makes another kind of image.
-    return able.unavailable or (ANOTHER_RULE if able.preference < 0 else "")
+    return able.unavailable or (ANOTHER_RULE if able.rule != SPLATTING else "")
 
 
 def _usual_device(able: Capabilities) -> str:

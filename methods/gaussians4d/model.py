@@ -88,13 +88,14 @@ class DeformedGaussians(MovingGaussians):
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The Gaussians at ``time``; without one, in canonical space.
+        """The Gaussians at ``time``; at 0, where a file begins, for ``None``.
 
         For ``cameras``, rows that are too faint for any pixel may lack changes but of the opacity.
         """
         still = self.canonical.splats()
-        if time is None or not self.deforming:
+        if not self.deforming:
             return still
+        time = still.means.new_zeros(()) if time is None else time
         rows, logits = self.canonical, self.canonical.opacity_logits.values
         least = None if cameras is None else FAINT_LOGIT - self.taken(logits.detach())
         change = self.field(self.taken(rows.means.values), time, least)

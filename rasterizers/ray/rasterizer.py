@@ -116,6 +116,7 @@ class RayRasterizer(Rasterizer):
             camera_models=frozenset(CameraModel),
             features=frozenset(Feature) - LACKING,
             determinism=Determinism.BITWISE,
+            rule="ray casting",
             preference=-1,
             details={"torch": torch.__version__},
         )

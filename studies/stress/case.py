@@ -35,6 +35,10 @@ class Section(Enum):
     """Worst cases of a search."""
 
 
+GRADIENTS = frozenset({Feature.GRADIENT, Feature.POSE_GRADIENT})
+"""Gradients that a backend can compute."""
+
+
 @dataclass(frozen=True)
 class Drawing:
     """Input of a rasterizer."""
@@ -42,6 +46,8 @@ class Drawing:
     splats: Splats
     cameras: Cameras
     settings: RenderSettings
+    gradients: frozenset[Feature] = GRADIENTS
+    """Gradients to compare: of splats and background, and of poses."""
 
     def double(self) -> Drawing:
         """The same input, to the last bit, in float64."""
@@ -53,6 +59,7 @@ class Drawing:
             self.splats.map(lambda tensor: tensor.double()),
             self.cameras.to(dtype=torch.float64),
             replace(self.settings, background=background),
+            self.gradients,
         )
 
     def to(self, device: torch.device) -> Drawing:
@@ -64,14 +71,14 @@ class Drawing:
             self.splats.to(device),
             self.cameras.to(device=device),
             replace(self.settings, background=background),
+            self.gradients,
         )
 
     def needs(self) -> Needs:
         """Needs of this input."""
         splats, colors = self.splats, self.splats.colors
         asked = {
-            Feature.GRADIENT: True,
-            Feature.POSE_GRADIENT: True,
+            **{feature: feature in self.gradients for feature in GRADIENTS},
             Feature.SH: isinstance(colors, Sh),
             Feature.RAGGED_SH: isinstance(colors, Sh) and colors.offsets is not None,
             Feature.COVARIANCES: splats.covariances is not None,
@@ -97,6 +104,9 @@ class StressCase:
     conditioning: str = ""
     """The reason why float32 misses the ordinary tolerances; it must then be no worse than the
     reference in float32. Empty: the ordinary tolerances hold."""
+    about: frozenset[Feature] = frozenset()
+    """Features that the case is about, besides the form of its splats: a backend without one is not
+    judged by it. It can do without all others, such as antialiasing."""
     at_a_cut_off: int = 0
     """Number of splats on a cut-off, where any rounding decides whether they show: pixels may
     differ by as many flips, and gradients are not compared."""

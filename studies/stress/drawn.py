@@ -8,6 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from gsfw.core.capabilities import Feature
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
@@ -32,23 +33,41 @@ def leaves(splats: Splats) -> Splats:
 def draw_everything(rasterizer: Rasterizer, drawing: Drawing) -> Drawn:
     """Render, and go back from fixed random weights of every image.
 
-    The gradients are those of every input, pose included, and of a background that wants its own.
+    The gradients are those of every input, pose included, and of a background that wants its own;
+    unless the drawing asks for fewer.
     """
+    if Feature.GRADIENT not in drawing.gradients:
+        return _images_of(rasterizer, drawing)
     scene, settings = leaves(drawing.splats), drawing.settings
-    view = drawing.cameras.world_to_camera.clone().requires_grad_()
-    inputs = scene.tensors() | {"world_to_camera": view}
+    view = drawing.cameras.world_to_camera.clone()
+    view.requires_grad_(Feature.POSE_GRADIENT in drawing.gradients)
+    inputs = scene.tensors()
+    if Feature.POSE_GRADIENT in drawing.gradients:
+        inputs["world_to_camera"] = view
     if settings.background is not None and settings.background.requires_grad:
         inputs["background"] = settings.background.detach().clone().requires_grad_()
         settings = replace(settings, background=inputs["background"])
     cameras = replace(drawing.cameras, world_to_camera=view)
     output = rasterizer.render(scene, cameras, settings)
     mixed(output).backward()
-    drawn: dict[str, Tensor | None] = {name: getattr(output, name) for name in IMAGES}
-    drawn |= {name: getattr(output.statistics, name) for name in (*STATISTICS, "visible")}
+    drawn = _outputs(output)
     for name, tensor in inputs.items():  # An input that is not used may be left without one.
         gradient = torch.zeros_like(tensor) if tensor.grad is None else tensor.grad
-        drawn[f"{GRADIENT}{name}"] = gradient
-    return {name: tensor.detach().cpu() for name, tensor in drawn.items() if tensor is not None}
+        drawn[f"{GRADIENT}{name}"] = gradient.detach().cpu()
+    return drawn
+
+
+@torch.no_grad()
+def _images_of(rasterizer: Rasterizer, drawing: Drawing) -> Drawn:
+    """Images and statistics alone."""
+    return _outputs(rasterizer.render(drawing.splats, drawing.cameras, drawing.settings))
+
+
+def _outputs(output: RenderOutput) -> dict[str, Tensor]:
+    """Images and statistics of a render by name, on the CPU."""
+    found: dict[str, Tensor | None] = {name: getattr(output, name) for name in IMAGES}
+    found |= {name: getattr(output.statistics, name) for name in (*STATISTICS, "visible")}
+    return {name: tensor.detach().cpu() for name, tensor in found.items() if tensor is not None}
 
 
 def mixed(output: RenderOutput) -> Tensor:

@@ -10,12 +10,13 @@ from functools import partial
 
 import torch
 
-from gsfw.core.capabilities import Determinism
+from gsfw.core.capabilities import Determinism, Feature
 from gsfw.core.errors import UserError
 from gsfw.core.numerics import DEFAULT, PROFILES, NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import Drawing, StressCase
+from gsfw.studies.stress.claimed import left_out, without
 from gsfw.studies.stress.drawn import (
     GRADIENT,
     IMAGES,
@@ -35,7 +36,10 @@ from gsfw.studies.stress.judgement import (
 )
 from gsfw.studies.stress.result import CaseResult
 
-Key = tuple[str, str, str]
+Key = tuple[str, str, str, frozenset[Feature]]
+
+ALL: frozenset[Feature] = frozenset()
+"""No feature is left out of a case."""
 
 NUDGES = (0, 1, 2)
 """Seeds of poses that are off by roundings."""
@@ -59,32 +63,50 @@ class Oracle:
         self._reference, self._keep = reference, keep
         self._drawn: dict[Key, Drawn] = {}
 
-    def expected(self, case: StressCase, profile: NumericsProfile) -> Drawn:
-        """In float64; the truth of a case that has one of its own."""
+    def expected(
+        self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
+    ) -> Drawn:
+        """In float64; the truth of a case that has one of its own.
+
+        Args:
+            case: the case.
+            profile: constants to render with.
+            less: features that are left out of the case, as for all functions here.
+        """
         truth = case.make if case.truth is None else case.truth
-        return self._draw(case, profile, "float64", lambda: truth().double())
+        return self._draw(case, profile, "float64", lambda: truth().double(), less)
 
-    def plain(self, case: StressCase, profile: NumericsProfile) -> Drawn:
+    def plain(
+        self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
+    ) -> Drawn:
         """In float32, which tells how well a case is conditioned."""
-        return self._draw(case, profile, "float32", case.make)
+        return self._draw(case, profile, "float32", case.make, less)
 
-    def nudged(self, case: StressCase, profile: NumericsProfile) -> list[Drawn]:
+    def nudged(
+        self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
+    ) -> list[Drawn]:
         """In float64, for poses off by some roundings: how far any other order of sums may be.
 
         A pose moves all splats together, so that equal depths stay equal.
         """
         exact = case.make().double()
         return [
-            self._draw(case, profile, f"nudge {seed}", partial(_nudged, exact, seed))
+            self._draw(case, profile, f"nudge {seed}", partial(_nudged, exact, seed), less)
             for seed in NUDGES
         ]
 
     def _draw(
-        self, case: StressCase, profile: NumericsProfile, how: str, make: Callable[[], Drawing]
+        self,
+        case: StressCase,
+        profile: NumericsProfile,
+        how: str,
+        make: Callable[[], Drawing],
+        less: frozenset[Feature],
     ) -> Drawn:
-        key = (case.name, profile.name, how)
+        key = (case.name, profile.name, how, less)
         if key not in self._drawn:
-            self._drawn[key] = draw_everything(self._reference, _with_profile(make(), profile))
+            drawing = _with_profile(without(make(), less), profile)
+            self._drawn[key] = draw_everything(self._reference, drawing)
             while len(self._drawn) > self._keep:
                 del self._drawn[next(iter(self._drawn))]
         return self._drawn[key]
@@ -106,10 +128,13 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
     # A refusal may be due to the type.
     drawing = case.make() if dtype == torch.float32 or case.refusal else case.make().double()
     drawing = _with_profile(drawing, _profile_of(entrant, drawing))
+    less = ALL if case.refusal else left_out(case, drawing, entrant.capabilities)
+    drawing, words = without(drawing, less), tuple(sorted(feature.value for feature in less))
+    result = replace(result, left_out=words)
     if not case.refusal:
         lacking = entrant.capabilities.lacking(drawing.needs(), entrant.device.type)
         if lacking:
-            return replace(result, not_claimed=f"needs {', '.join(lacking)}", note="")
+            return replace(result, not_claimed=f"needs {', '.join(lacking)}", note="", left_out=())
     drawing = drawing.to(entrant.device)
     try:
         found, *again = [_drawn_with(threads, entrant, drawing) for threads in entrant.threads]
@@ -117,7 +142,7 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
         return _raised(result, case, error)
     if case.refusal:
         return replace(result, faults=("was rendered, and has to be refused",))
-    result = _compared(result, case, found, drawing, oracle)
+    result = _compared(result, case, found, drawing, oracle, less)
     return _repeated(result, entrant, [same_bits(found, other) for other in again])
 
 
@@ -148,10 +173,15 @@ def _raised(result: CaseResult, case: StressCase, error: Exception) -> CaseResul
 
 
 def _compared(
-    result: CaseResult, case: StressCase, found: Drawn, drawing: Drawing, oracle: Oracle
+    result: CaseResult,
+    case: StressCase,
+    found: Drawn,
+    drawing: Drawing,
+    oracle: Oracle,
+    less: frozenset[Feature],
 ) -> CaseResult:
     profile = drawing.settings.profile
-    expected = oracle.expected(case, profile)
+    expected = oracle.expected(case, profile, less)
     if case.truth is not None:
         expected = {name: tensor for name, tensor in expected.items() if name in IMAGES}
     infinite = not_finite(found)
@@ -167,9 +197,9 @@ def _compared(
     elif case.at_a_cut_off:
         faults = faults_of_flips(found, expected, case.at_a_cut_off)
     elif case.conditioning and result.dtype == "float32":
-        faults = faults_where_ill(found, expected, oracle.plain(case, profile))
+        faults = faults_where_ill(found, expected, oracle.plain(case, profile, less))
     elif case.conditioning:
-        plain, nudged = oracle.plain(case, profile), oracle.nudged(case, profile)
+        plain, nudged = oracle.plain(case, profile, less), oracle.nudged(case, profile, less)
         faults = faults_of_float64_where_ill(found, expected, plain, nudged)
     elif result.dtype == "float32":
         faults = faults_of_float32(found, expected, profile)

@@ -29,6 +29,8 @@ class CaseResult:
     """Reasons of a failure; empty when the case has passed or was not run."""
     not_claimed: str = ""
     """Needs of the case that the backend does not claim to meet; empty when the case was run."""
+    left_out: tuple[str, ...] = ()
+    """Features that the backend does not claim, and that were left out of the case."""
     forward: float = nan
     """max |C - C_64| of the image; of models, of positions and opacities. NaN: no image."""
     relative: float = nan
@@ -67,6 +69,7 @@ class CaseResult:
             "dtype": self.dtype,
             "passed": self.passed,
             "claimed": not self.not_claimed,
+            "left_out": list(self.left_out),
             "forward": self.forward,
             "relative": self.relative,
             "gradient": dict(self.gradient),
@@ -88,6 +91,8 @@ class Totals:
     passed: int
     failed: int
     not_claimed: int
+    left_out: tuple[str, ...] = ()
+    """Features that were left out of cases, since the backend does not claim them."""
 
     def document(self) -> dict[str, Any]:
         """Plain data for ``json=true``."""
@@ -97,7 +102,8 @@ class Totals:
         """A line for people."""
         parts = [f"{self.passed} passed", f"{self.failed} failed"]
         parts += [f"{self.not_claimed} not claimed"] if self.not_claimed else []
-        return f"{self.backend}, {self.dtype}: {', '.join(parts)}"
+        without = f" (judged without {', '.join(self.left_out)})" if self.left_out else ""
+        return f"{self.backend}, {self.dtype}: {', '.join(parts)}{without}"
 
 
 Groups = Mapping[tuple[str, str], Sequence[CaseResult]]
@@ -121,6 +127,7 @@ def totals(results: Iterable[CaseResult]) -> list[Totals]:
             passed=sum(result.passed for result in group),
             failed=sum(bool(result.faults) for result in group),
             not_claimed=sum(bool(result.not_claimed) for result in group),
+            left_out=tuple(sorted({word for result in group for word in result.left_out})),
         )
         for (backend, dtype), group in grouped(results).items()
     ]

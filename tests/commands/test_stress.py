@@ -99,7 +99,7 @@ def test_rasterizers_that_do_not_run_here_are_named(capsys, monkeypatch):
     able = {
         "reference": Capabilities(devices=frozenset({"cpu"})),
         "far": Capabilities(unavailable="it needs another machine."),
-        "other": Capabilities(devices=frozenset({"cpu"}), preference=-1),
+        "other": Capabilities(devices=frozenset({"cpu"}), rule="rays"),
     }
     monkeypatch.setattr(entrants, "rasterizer_capabilities", lambda registry: able)
     assert main(["stress", "method=none", "out=none", "only=input/skew"]) == 0

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import torch
 
+from gsfw.core.capabilities import Feature
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
@@ -103,6 +104,7 @@ SHAPE = (
         "shape/one-needle/antialias-floor",
         lambda: one_needle(RenderSettings(antialias=True, profile=DEFAULT)),
         conditioning=NEEDLE,
+        about=frozenset({Feature.ANTIALIAS}),
     ),
 )
 """All cases of this section."""
@@ -235,6 +237,9 @@ COLOUR_CHANGES: dict[str, Change] = {
 
 COLOUR_REASONS: dict[str, str] = {}
 
+HARMONICS = frozenset({Feature.SH})
+COLOUR_ABOUT = {"colour/sh-1e4": HARMONICS, "colour/negative": HARMONICS}
+
 CHANNELS = (1, 3, 4, 16, 33)
 
 
@@ -267,13 +272,15 @@ def _extra() -> Drawing:
 
 
 COLOUR = (
-    *splat_cases(COLOUR_CHANGES, COLOUR_REASONS),
+    *splat_cases(COLOUR_CHANGES, COLOUR_REASONS, about=COLOUR_ABOUT),
     *(
         StressCase(f"colour/channels-{count}", lambda count=count: _channels(count))  # type: ignore[misc]
         for count in CHANNELS
     ),
     *(
-        StressCase(f"colour/degree-{degree}", lambda degree=degree: _degree(degree))  # type: ignore[misc]
+        StressCase(
+            f"colour/degree-{degree}", lambda degree=degree: _degree(degree), about=HARMONICS
+        )  # type: ignore[misc]
         for degree in range(5)
     ),
     StressCase("colour/ragged", _ragged),

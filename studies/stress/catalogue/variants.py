@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import torch
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.capabilities import Feature
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
@@ -33,12 +35,14 @@ class Variant:
 
     model: CameraModel
     settings: RenderSettings
+    about: frozenset[Feature] = frozenset()
+    """Features without which this is no other variant."""
 
 
 VARIANTS: Mapping[str, Variant] = {
     "": Variant(CameraModel.PINHOLE, EVERYTHING),
     "no-cut-offs": Variant(CameraModel.PINHOLE, SMOOTH),
-    "expected-depth": Variant(CameraModel.PINHOLE, EXPECTED),
+    "expected-depth": Variant(CameraModel.PINHOLE, EXPECTED, frozenset({Feature.DEPTH})),
     "orthographic": Variant(CameraModel.ORTHOGRAPHIC, OPEN_ENDED),
     "fisheye": Variant(CameraModel.FISHEYE, EVERYTHING),
     "fisheye-no-cut-offs": Variant(CameraModel.FISHEYE, SMOOTH),
@@ -52,7 +56,10 @@ def ordinary() -> Splats:
 
 
 def splat_cases(
-    changes: Mapping[str, Change], reasons: Mapping[str, str], variants: Iterable[str] = VARIANTS
+    changes: Mapping[str, Change],
+    reasons: Mapping[str, str],
+    variants: Iterable[str] = VARIANTS,
+    about: Mapping[str, frozenset[Feature]] = MappingProxyType({}),
 ) -> tuple[StressCase, ...]:
     """Cases of extreme splats in front of an ordinary camera.
 
@@ -61,22 +68,31 @@ def splat_cases(
         reasons: why float32 cannot meet the ordinary tolerances, by name of the change or of one
             case of it.
         variants: the ways in which each is drawn.
+        about: features that a change is about, by its name.
     """
     return tuple(
-        _splat_case(_named(name, variant), change, variant, _reason(reasons, name, variant))
+        _splat_case(
+            _named(name, variant),
+            change,
+            variant,
+            _reason(reasons, name, variant),
+            about.get(name, frozenset()),
+        )
         for name, change in changes.items()
         for variant in variants
     )
 
 
-def _splat_case(name: str, change: Change, variant: str, reason: str) -> StressCase:
+def _splat_case(
+    name: str, change: Change, variant: str, reason: str, about: frozenset[Feature]
+) -> StressCase:
     way = VARIANTS[variant]
 
     def make() -> Drawing:
         camera = replace(front_camera(*SIZE), model=way.model)
         return Drawing(change(ordinary()), camera, way.settings)
 
-    return StressCase(name, make, conditioning=reason)
+    return StressCase(name, make, conditioning=reason, about=way.about | about)
 
 
 def camera_cases(

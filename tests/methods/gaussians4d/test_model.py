@@ -75,11 +75,11 @@ def test_the_field_changes_nothing_before_its_first_step(encoder, options):
 
 
 @pytest.mark.parametrize("encoder", ENCODERS)
-def test_without_a_time_or_in_the_coarse_phase_gaussians_are_canonical(encoder):
+def test_in_the_coarse_phase_gaussians_are_canonical_and_then_none_is_the_first_time(encoder):
     model = gaussians(encoder, trained=True)
     canonical = model.canonical.splats()
     assert not torch.equal(model.splats(TIME).means, canonical.means)
-    assert_same_splats(model.splats(None), canonical)
+    assert_same_splats(model.splats(None), model.splats(torch.tensor(0.0)))
     model.deforming = False
     assert_same_splats(model.splats(TIME), canonical)
     model.splats(TIME).means.sum().backward()

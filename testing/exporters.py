@@ -1,0 +1,196 @@
+"""Promises of exporters: round trips, the world's frame, atomic writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from gsfw.core.exchange import Exporter, ExportSource, Holds, SplatFile
+from gsfw.plugins.loading import load
+from gsfw.testing.promise import NotApplicable, Promise, require
+from gsfw.testing.sources import SIZE, image_of, source_for, splat_file
+from gsfw.testing.subject import Subject
+
+SHADE = 0.02
+"""Largest difference of images before and after: a few of 255 levels, which 8-bit formats have."""
+PLACE = 1e-3 * SIZE
+"""Largest distance of a position before and after, in units of the world."""
+OLD = b"the old file"
+FULL_DISK = 64
+"""Bytes after which a write fails."""
+
+
+def _exporter(subject: Subject) -> Exporter:
+    exporter: Exporter = subject.target()
+    return exporter
+
+
+def _writes_what_it_holds(subject: Subject) -> None:
+    exporter, path = _exporter(subject), subject.workspace / f"file{subject.target.suffix}"
+    require(
+        exporter.suffix.startswith(".") and len(exporter.suffix) > 1,
+        f"suffix is {exporter.suffix!r}.",
+        'Give the end of file names with the dot: suffix = ".splat".',
+    )
+    exporter.write(path, source_for(subject, exporter.holds))
+    written = path.is_file() and path.stat().st_size > 0
+    require(written, "write left no file.", "Write to the given path.")
+
+
+def _round_trips(subject: Subject) -> None:
+    for count, degree in ((12, 0), (1, 0), (12, 1)):
+        before = splat_file(count, degree)
+        after = _read_again(subject, before)
+        apart = abs(len(after.splats) - len(before.splats))
+        require(
+            apart == 0,
+            f"a file of {len(before.splats)} splats is read as {len(after.splats)}.",
+            "Write every splat: gsfw has left out those that are not to be written.",
+        )
+        if degree:
+            continue  # A format may hold no view dependence: it is enough that it is written.
+        shade = (image_of(before.splats) - image_of(after.splats)).abs().max().item()
+        require(
+            shade <= SHADE,
+            f"the image of the file that was read again differs by {shade:.2g} (of 1).",
+            "Write activated values as the format defines them: opacities or logits, scales or "
+            "logarithms, wxyz or xyzw, colours or SH coefficients.",
+        )
+
+
+def _writes_the_world(subject: Subject) -> None:
+    before = splat_file()
+    after = _read_again(subject, before)
+    found = after.splats.means.double()
+    off = torch.cdist(before.splats.means, found).amin(1).max().item()
+    require(
+        off <= PLACE,
+        f"a position is off by {off:.3g} units of the world.",
+        "Write the positions of the source as they are: they are in the world of the data.",
+    )
+
+
+def _read_again(subject: Subject, content: SplatFile) -> SplatFile:
+    """Write splats, and read them with an installed importer that recognises the file.
+
+    Raises:
+        NotApplicable: the exporter writes no splats, or no importer reads its format.
+    """
+    exporter = _exporter(subject)
+    if exporter.holds is not Holds.SPLATS:
+        raise NotApplicable(f"no importer reads {exporter.holds.value}")
+    path = subject.workspace / f"again{exporter.suffix}"
+    exporter.write(path, content)
+    for spec in subject.registry.slot("importer").values():
+        importer = load("importer", spec)()
+        if importer.recognises(path):
+            read: SplatFile = importer.read(path)
+            return read
+    raise NotApplicable("no installed importer reads its format")
+
+
+def _a_full_disk_leaves_the_old_file(subject: Subject) -> None:
+    exporter = _exporter(subject)
+    source = source_for(subject, exporter.holds)
+    _stays_old(subject, lambda path: _write_on_a_full_disk(exporter, path, source), "a full disk")
+
+
+def _refuses_what_is_not_finite(subject: Subject) -> None:
+    exporter = _exporter(subject)
+    if exporter.holds is not Holds.SPLATS:
+        raise NotApplicable("its source is checked by gsfw")
+    content = splat_file()
+    opacities = content.splats.opacities.clone()
+    opacities[3] = torch.nan
+    broken = replace(content, splats=replace(content.splats, opacities=opacities))
+
+    def write(path: Path) -> None:
+        try:
+            exporter.write(path, broken)
+        except ValueError:
+            raise
+        require(
+            False,
+            "a splat whose opacity is NaN was written.",
+            "Raise ValueError that names the field and the row before anything is written.",
+        )
+
+    _stays_old(subject, write, "a splat that is not finite", ValueError)
+
+
+def _stays_old(
+    subject: Subject,
+    write: Callable[[Path], None],
+    cause: str,
+    expected: type[Exception] = Exception,
+) -> None:
+    """Check that a write that fails leaves the old file, and nothing besides."""
+    folder = subject.workspace / "atomic"
+    folder.mkdir(exist_ok=True)
+    path = folder / f"old{subject.target.suffix}"
+    path.write_bytes(OLD)
+    try:
+        write(path)
+    except AssertionError:
+        raise
+    except expected:
+        pass
+    else:
+        require(False, f"{cause} raised no error.", "Let the error of the system through.")
+    kept = path.is_file() and path.read_bytes() == OLD
+    left = sorted(item.name for item in folder.iterdir() if item != path)
+    require(
+        kept and not left,
+        f"after {cause}, the old file is {'there' if kept else 'lost'}, and "
+        f"{', '.join(left) or 'nothing'} is left beside it.",
+        "Make all bytes first, and write them with write_atomically(path, content) of gsfw.api.",
+    )
+
+
+def _write_on_a_full_disk(exporter: Exporter, path: Path, source: ExportSource) -> None:
+    with _no_large_files():
+        exporter.write(path, source)
+
+
+@contextmanager
+def _no_large_files() -> Iterator[None]:
+    """Let no file of this process grow beyond a few bytes, as on a full disk.
+
+    Raises:
+        NotApplicable: this system has no such limit.
+    """
+    try:
+        import resource
+    except ImportError:
+        raise NotApplicable("this system cannot limit the size of files") from None
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FULL_DISK, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+PROMISES = (
+    Promise(
+        "writes-what-it-holds",
+        "A file is written from a source that has only the content that holds names.",
+        _writes_what_it_holds,
+    ),
+    Promise("round-trips", "A file that is read again shows the same image.", _round_trips),
+    Promise("writes-the-world", "Positions are those of the world of the data.", _writes_the_world),
+    Promise(
+        "full-disk-leaves-the-old-file",
+        "A write that fails half-way leaves the old file as it was, and nothing besides.",
+        _a_full_disk_leaves_the_old_file,
+    ),
+    Promise(
+        "refuses-what-is-not-finite",
+        "Splats with NaN are refused with a ValueError before the old file is touched.",
+        _refuses_what_is_not_finite,
+    ),
+)

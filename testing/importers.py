@@ -1,0 +1,131 @@
+"""Promises of importers: any file ends in splats or in a DataError."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from gsfw.core.errors import DataError
+from gsfw.core.exchange import Importer, SplatFile
+from gsfw.testing.promise import Promise, require
+from gsfw.testing.sources import readable_file
+from gsfw.testing.subject import Subject
+
+FLIPS = 40
+"""Bytes that are changed, one at a time, evenly over a file."""
+ADVICE = "Check lengths and numbers of what is read, and raise DataError with the cause and place."
+
+
+def _importer(subject: Subject) -> Importer:
+    importer: Importer = subject.target()
+    return importer
+
+
+def _reads_splats(subject: Subject) -> None:
+    path = readable_file(subject)
+    require(
+        subject.target.recognises(path) is True,
+        f"recognises({path.name}) is not true.",
+        "Compare the first bytes of the file with those of the format.",
+    )
+    _check_content(_importer(subject).read(path), path.name)
+
+
+def _check_content(content: SplatFile, name: str) -> None:
+    """Check the form of what an importer has read."""
+    splats = content.splats
+    tensors = {key: value for key, value in splats.tensors().items() if not value.isfinite().all()}
+    require(not tensors, f"{name}: {', '.join(tensors)} is not finite.", ADVICE)
+    require(
+        splats.quats is not None and splats.scales is not None,
+        f"{name}: the splats have covariances.",
+        "Give quaternions and scales.",
+    )
+    in_range = bool(((splats.opacities >= 0) & (splats.opacities <= 1)).all())
+    require(in_range, f"{name}: an opacity is outside [0, 1].", "Return activated opacities.")
+    require(
+        splats.means.dtype == torch.float64,
+        f"{name}: the splats are {splats.means.dtype}.",
+        "Return float64: the transform to the scene frame then loses no precision.",
+    )
+
+
+def _damaged_files_are_refused(subject: Subject) -> None:
+    whole = readable_file(subject).read_bytes()
+    damaged = subject.workspace / f"damaged{readable_file(subject).suffix}"
+    for length in sorted({0, 1, 16, len(whole) // 2, len(whole) - 1}):
+        damaged.write_bytes(whole[:length])
+        told = _read(subject, damaged)
+        require(
+            isinstance(told, DataError),
+            f"{length} of {len(whole)} bytes end in {_words(told)}.",
+            ADVICE,
+        )
+
+
+def _changed_bytes_end_in_words(subject: Subject) -> None:
+    whole = readable_file(subject).read_bytes()
+    changed = subject.workspace / f"changed{readable_file(subject).suffix}"
+    for place in range(0, len(whole), max(len(whole) // FLIPS, 1)):
+        content = bytearray(whole)
+        content[place] ^= 0xFF
+        changed.write_bytes(content)
+        told = _read(subject, changed)
+        require(
+            isinstance(told, SplatFile | DataError),
+            f"with another byte {place}, reading ends in {_words(told)}.",
+            ADVICE,
+        )
+
+
+def _read(subject: Subject, path: Path) -> object:
+    """What reading a file returns or raises."""
+    try:
+        return _importer(subject).read(path)
+    except Exception as error:
+        return error
+
+
+def _words(ending: object) -> str:
+    if isinstance(ending, Exception):
+        return f"{type(ending).__name__}: {ending}"
+    return f"{type(ending).__name__}"
+
+
+def _recognises_never_raises(subject: Subject) -> None:
+    folder = subject.workspace
+    empty, noise = folder / "empty", folder / "noise"
+    empty.write_bytes(b"")
+    noise.write_bytes(bytes(range(256)))
+    for path in (empty, noise, folder, folder / "missing"):
+        try:
+            found: object = subject.target.recognises(path)
+        except Exception as error:
+            found = error
+        require(
+            found is False,
+            f"recognises({path.name}) gives {found!r}, for a file that is not of this format.",
+            "Read the first bytes, and return false for anything else, also if the file is a "
+            "folder, is empty or cannot be opened.",
+        )
+
+
+PROMISES = (
+    Promise("reads-splats", "A sound file gives finite, activated splats.", _reads_splats),
+    Promise(
+        "damaged-files-are-refused",
+        "A file that is cut short is refused with a DataError.",
+        _damaged_files_are_refused,
+    ),
+    Promise(
+        "changed-bytes-end-in-words",
+        "A file with a wrong byte gives splats or a DataError, and never another error.",
+        _changed_bytes_end_in_words,
+    ),
+    Promise(
+        "recognises-never-raises",
+        "recognises is false for other files, and never raises.",
+        _recognises_never_raises,
+    ),
+)

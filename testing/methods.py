@@ -1,0 +1,330 @@
+"""Promises of methods: they learn, resume to the same bits, and render the same from files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import torch
+
+from gsfw.core.config import MethodConfig
+from gsfw.core.errors import ConfigError
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
+from gsfw.core.maths.frame import transform_splats
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.splats import Sh, Splats
+from gsfw.formats.model_file import ModelFileExporter, read_model_file
+from gsfw.formats.ply import PlyExporter, PlyImporter
+from gsfw.plugins.config_file import read_config, write_config
+from gsfw.plugins.rebuild import rebuild, stored_model
+from gsfw.plugins.restore import restore
+from gsfw.plugins.settings import Layer, resolve
+from gsfw.plugins.snapshot import snapshot
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.stress.case import front_camera
+from gsfw.testing.model_edits import EDITS
+from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
+from gsfw.testing.strategies import TableWatch, watched
+from gsfw.testing.subject import Subject
+from gsfw.testing.trial import MOTION, Changes, Losses, Trial, difference, trial
+
+STEPS, HALF = 48, 24
+"""Length of the run that most checks look at: eight turns of the training views; its half."""
+SHORT = 12
+"""Length of the other runs."""
+EPOCH = 6
+"""Steps in which every view has had its turn."""
+EDITED = 120
+"""Length of the runs with strategies, in which these edit rows."""
+STRATEGIES = ("adc", "error", "mcmc", "none")
+"""The built-in strategies."""
+TIMES = (0.0, 0.5, 1.0)
+SHADE = 1e-3
+"""Largest difference of an image after an export."""
+
+
+def method_trial(subject: Subject, name: str, changes: Changes) -> Trial:
+    """A run of the method on the still scene if it takes that, else on the moving one.
+
+    Raises:
+        BrokenPromise: it refuses both.
+    """
+    scene = subject.once("scene of the method", lambda: _scene(subject))
+    return trial(subject, name, {"steps": STEPS, **scene, **changes}, subject.name)
+
+
+def _scene(subject: Subject) -> Changes:
+    if subject.data is not None:
+        return {}
+    refused = ""
+    for motion in ({}, MOTION):
+        try:
+            trial(subject, "scene", {"steps": STEPS, **motion}, subject.name).composition()
+        except ConfigError as error:
+            refused = error.message
+        else:
+            return motion
+    raise BrokenPromise(
+        f"it refuses the built-in scene, still and moving: {refused}",
+        "If it needs other data, name some: conformance(..., data=PATH, settings=(...)).",
+    )
+
+
+def _trained(subject: Subject) -> tuple[Trainer, Losses]:
+    """A trained run, which several checks look at."""
+
+    def train() -> tuple[Trainer, Losses]:
+        losses = Losses()
+        trainer = method_trial(subject, "trained", {"checkpoint_every": HALF}).trainer([losses])
+        trainer.fit()
+        return trainer, losses
+
+    return subject.once("trained run", train)
+
+
+def _learns(subject: Subject) -> None:
+    _, watched_losses = _trained(subject)
+    losses = watched_losses.losses
+    # The best turn, since methods with phases may lose what an earlier phase has learned.
+    turns = [sum(losses[at : at + EPOCH]) / EPOCH for at in range(0, STEPS, EPOCH)]
+    require(
+        min(turns[1:]) < turns[0],
+        f"the mean loss is {turns[0]:.4f} over the first {EPOCH} steps, and never below "
+        f"{min(turns[1:]):.4f} later.",
+        "Check that losses() hangs on the graph of context.rendered, and the learning rates of "
+        "the columns.",
+    )
+
+
+def _resumes(subject: Subject) -> None:
+    _trained(subject)
+    run = method_trial(subject, "trained", {"checkpoint_every": HALF})
+    whole = run.state(STEPS)
+    run.resumed(HALF).fit()
+    found = difference(whole, run.state(STEPS))
+    require(
+        not found,
+        f"resumed at step {HALF}, {found}.",
+        "Keep all that changes while training in the columns, parameter groups, buffers or "
+        "state_dict of the method; draw random numbers from the given generator alone.",
+    )
+
+
+def _uses_the_given_generator(subject: Subject) -> None:
+    states = []
+    with torch.random.fork_rng(devices=()):
+        for seed in (1, 2):
+            torch.manual_seed(seed)
+            run = method_trial(subject, f"seeded-{seed}", {"steps": SHORT})
+            run.trainer().fit()
+            states.append(run.state(SHORT))
+    found = difference(*states)
+    require(
+        not found,
+        f"under another torch.manual_seed, {found}.",
+        "Pass the generator of build_model to all random numbers; make layers with "
+        "torch.nn.init on values drawn from it.",
+    )
+
+
+def _one_gaussian(subject: Subject) -> None:
+    if subject.data is not None:
+        raise NotApplicable("the data set has its own points")
+    watch = TableWatch()
+    try:
+        run = method_trial(
+            subject, "one", {"steps": SHORT, "datamanager.points": 1, "init": "points"}
+        )
+        trainer = run.trainer([watch])
+    except ConfigError as refusal:
+        raise NotApplicable(f"it is refused: {refusal.message}") from refusal
+    watched(trainer, watch)
+
+
+def _runs_with(strategy: str, subject: Subject) -> None:
+    watch = TableWatch()
+    changes = {"strategy": strategy, "steps": EDITED}
+    try:
+        trainer = method_trial(subject, f"with-{strategy}", changes).trainer([watch])
+    except ConfigError as refusal:
+        raise NotApplicable(f"it is refused: {refusal.message}") from refusal
+    watched(trainer, watch)
+
+
+def _resolution_schedule(subject: Subject) -> None:
+    watch = TableWatch()
+    changes = {"resolution_schedule": "auto", "resolution_steps": SHORT, "steps": 2 * SHORT}
+    try:
+        trainer = method_trial(subject, "coarse", changes).trainer([watch])
+    except ConfigError as refusal:
+        raise NotApplicable(f"it is refused: {refusal.message}") from refusal
+    watched(trainer, watch)
+
+
+def _times_are_honoured(subject: Subject) -> None:
+    trainer, _ = _trained(subject)
+    parts = trainer.parts
+    if not parts.data.scene.is_dynamic:
+        still = [_flat(_splats(parts.model, time)) for time in (None, *TIMES)]
+        found = next(filter(None, (difference(still[0], other) for other in still[1:])), "")
+        require(not found, f"of a still scene, {found} at another time.", "Ignore the time.")
+        return
+    moved = [_flat(_splats(parts.model, time)) for time in TIMES]
+    require(
+        any(difference(moved[0], other) for other in moved[1:]),
+        f"after {STEPS} steps the splats are the same at the times {TIMES}.",
+        "Let splats(time) depend on the time.",
+    )
+    again = difference(moved[0], _flat(_splats(parts.model, TIMES[0])))
+    require(
+        not again,
+        f"asked again for time 0 after other times, {again}.",
+        "splats(time) must not depend on earlier calls: keep no state of a batch in the model.",
+    )
+    first = difference(moved[0], _flat(_splats(parts.model, None)))
+    require(not first, f"without a time, {first} from time 0.", "None stands for the first time.")
+
+
+@torch.no_grad()
+def _splats(model: PrimitiveModel, time: float | None) -> Splats:
+    return model.splats(None if time is None else torch.tensor(time))
+
+
+def _flat(splats: Splats) -> Mapping[str, object]:
+    return {name: tensor.clone() for name, tensor in splats.tensors().items()}
+
+
+def _model_file_renders_the_same(subject: Subject) -> None:
+    _trained(subject)
+    run = method_trial(subject, "trained", {"checkpoint_every": HALF})
+    restored = restore(RunFolder(run.folder), subject.registry)
+    path = subject.workspace / "model.gsfw"
+    try:
+        ModelFileExporter().write(path, stored_model(restored))
+    except ValueError as error:
+        advice = "Keep the state of the model in columns, parameters and tensors as buffers."
+        raise BrokenPromise(f"the model cannot be stored: {error}.", advice) from error
+    again = rebuild(read_model_file(path), path, subject.registry).composition.parts.model
+    model = restored.composition.parts.model
+    for time in TIMES if restored.composition.scene.is_dynamic else (None,):
+        found = difference(_flat(_splats(model, time)), _flat(_splats(again, time)))
+        require(
+            not found,
+            f"of the model that was read from its file, {found} (time {time}).",
+            "splats() must depend on the state_dict of the model alone, and build_model must give "
+            "the same structure for any points.",
+        )
+
+
+def _export_renders_the_same(subject: Subject) -> None:
+    trainer, _ = _trained(subject)
+    parts = trainer.parts
+    decodes = type(parts.model).decode is not PrimitiveModel.decode
+    before = _splats(parts.model, 0.0)
+    if decodes or not isinstance(before.colors, Sh):
+        raise NotApplicable("its colours are made after rendering, which no splat file holds")
+    taken = snapshot(parts.model, parts.data.scene, False, torch.tensor(0.0))
+    path = subject.workspace / "splats.ply"
+    PlyExporter().write(path, taken.content)
+    frame = parts.data.scene.world_from_scene.inverse()
+    after = transform_splats(PlyImporter().read(path).splats, frame)
+    shade = (_image(before) - _image(after)).abs().max().item()
+    require(
+        shade <= SHADE and not taken.num_dropped,
+        f"the image of the exported splats differs by {shade:.2g} (of 1), and {taken.num_dropped} "
+        "rows were dropped.",
+        "splats() must return activated values in the scene frame: opacities in [0, 1], standard "
+        "deviations, wxyz.",
+    )
+
+
+@torch.no_grad()
+def _image(splats: Splats) -> torch.Tensor:
+    cameras = front_camera(dtype=torch.float64)
+    exact = splats.map(lambda tensor: tensor.detach().cpu().double())
+    return ReferenceRasterizer().render(exact, cameras).color[0]
+
+
+def _settings_survive_config_yaml(subject: Subject) -> None:
+    settings = method_trial(subject, "settings", {}).settings()
+    path = subject.workspace / "config.yaml"
+    path.write_text(write_config(settings, ["check"]))
+    again = resolve(subject.registry, [read_config(path, everything=True)])
+    found = difference({**settings.flat(), "out": ""}, {**again.flat(), "out": ""})
+    require(not found, f"read from config.yaml, {found}.", "Use plain types for settings.")
+
+
+def _presets_resolve(subject: Subject) -> None:
+    kind: type[MethodConfig] = subject.target
+    for preset in kind.presets:
+        run = method_trial(subject, "preset", {})
+        given = {key: value for key, value in run.values.items() if not key.startswith("steps")}
+        try:
+            layer = Layer("the settings of the check", {**given, "preset": preset})
+            resolve(subject.registry, [layer]).config.check()
+        except ConfigError as error:
+            require(
+                False,
+                f"preset={preset} is refused: {error.message}",
+                "Correct its keys and values.",
+            )
+
+
+PROMISES = (
+    Promise("learns", "Its loss falls in a few steps.", _learns, trains=True),
+    Promise(
+        "resumes-to-the-same-bits",
+        "A run that is resumed ends with the same bits as one in one go.",
+        _resumes,
+        trains=True,
+    ),
+    Promise(
+        "uses-the-given-generator",
+        "Random numbers come from the generators that it is given alone.",
+        _uses_the_given_generator,
+        trains=True,
+    ),
+    Promise(
+        "times-are-honoured",
+        "Splats depend on the time if the method is a moving one, and on nothing else.",
+        _times_are_honoured,
+        trains=True,
+    ),
+    *EDITS,
+    *(
+        Promise(
+            f"runs-with-{strategy}",
+            f"Strategy {strategy} trains it, with sound rows after each step, or is refused with a "
+            "sentence.",
+            partial(_runs_with, strategy),
+            trains=True,
+        )
+        for strategy in STRATEGIES
+    ),
+    Promise(
+        "runs-at-lower-resolution",
+        "resolution_schedule=auto trains it, or is refused with a sentence.",
+        _resolution_schedule,
+        trains=True,
+    ),
+    Promise("one-gaussian", "It trains one Gaussian.", _one_gaussian, trains=True),
+    Promise(
+        "model-file-renders-the-same",
+        "Its model renders the same from a model file, without the data set.",
+        _model_file_renders_the_same,
+        trains=True,
+    ),
+    Promise(
+        "export-renders-the-same",
+        "A splat file of it shows the same image.",
+        _export_renders_the_same,
+        trains=True,
+    ),
+    Promise(
+        "settings-survive-config-yaml",
+        "All settings of a run are the same when its config.yaml is read.",
+        _settings_survive_config_yaml,
+    ),
+    Promise("presets-resolve", "Every preset has valid keys and values.", _presets_resolve),
+)

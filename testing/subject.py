@@ -1,0 +1,201 @@
+"""Subject: the part that is checked, the registry that it is found in, and a workspace."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module, metadata
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.discovery import BUILTIN, Discovery, PluginSource
+from gsfw.plugins.loading import load
+from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed, package
+from gsfw.plugins.specs import PROJECT, Spec
+
+Value = TypeVar("Value")
+
+
+@dataclass
+class Subject:
+    """A registered part, and what its checks share."""
+
+    slot: str
+    spec: Spec
+    registry: Registry
+    data: Path | None = None
+    """Data set for the checks; ``None`` for one that the kit makes."""
+    settings: tuple[str, ...] = ()
+    """Settings of every run of the kit, such as ("strategy.budget=100",)."""
+    plugin: str = ""
+    """Module with the hooks of a plugin that is not installed; empty for installed parts."""
+    _known: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __str__(self) -> str:
+        return f"{self.slot} {self.name!r} ({package(self.spec)})"
+
+    @property
+    def name(self) -> str:
+        """Name of the part."""
+        return self.spec.name
+
+    @cached_property
+    def target(self) -> Any:  # noqa: ANN401 - whatever the slot holds
+        """The registered class or function.
+
+        Raises:
+            PartError: it cannot be imported, or breaks the contract of its slot.
+        """
+        return load(self.slot, self.spec)
+
+    @property
+    def registrations(self) -> tuple[str, ...]:
+        """The modules with the hooks of the part's package; empty if it has none."""
+        if self.spec.distribution == PROJECT:
+            return BUILTIN
+        entries = [entry for entry in metadata.entry_points(group=PROJECT) if entry.dist]
+        own = (e for e in entries if e.dist and e.dist.name == self.spec.distribution)
+        found = tuple(sorted({entry.value.partition(":")[0] for entry in own}))
+        return found or ((self.plugin,) if self.plugin else ())
+
+    @cached_property
+    def _folder(self) -> tempfile.TemporaryDirectory[str]:
+        return tempfile.TemporaryDirectory(prefix="gsfw-conformance-", ignore_cleanup_errors=True)
+
+    @property
+    def workspace(self) -> Path:
+        """An empty folder for files of the checks; removed with the subject."""
+        return Path(self._folder.name)
+
+    def once(self, name: str, make: Callable[[], Value]) -> Value:
+        """A value that several checks use, made at its first use."""
+        if name not in self._known:
+            self._known[name] = make()
+        found: Value = self._known[name]
+        return found
+
+
+def registry_with(plugin: ModuleType | object | str | None) -> Registry:
+    """The installed parts, and those of a plugin that is not installed.
+
+    Args:
+        plugin: a module with hooks, its import name, or an object with hooks; ``None`` for none.
+    """
+    if plugin is None:
+        return installed()
+    discovery = Discovery()
+    discovery.load_builtin()
+    discovery.load_installed()
+    module = import_module(plugin) if isinstance(plugin, str) else plugin
+    name = module.__name__ if isinstance(module, ModuleType) else type(module).__name__
+    top = name.partition(".")[0]
+    try:
+        discovery.add(module, PluginSource(name, top, "", top))
+    except ValueError:  # Its package is installed, so that it is registered already.
+        return installed()
+    return Registry(discovery)
+
+
+def find_subject(
+    slot: str,
+    name: str,
+    *,
+    plugin: ModuleType | object | str | None = None,
+    data: Path | str | None = None,
+    settings: Sequence[str] = (),
+) -> Subject:
+    """Find an installed part, or one of a plugin that is not installed.
+
+    Args:
+        slot: kind of the part, such as "method".
+        name: registered name.
+        plugin: a module with hooks, its import name, or an object with hooks; ``None`` for
+            installed parts.
+        data: data set for the checks; ``None`` for one that the kit makes.
+        settings: settings of every run of the kit, as on the command line.
+
+    Raises:
+        ConfigError: there is no such slot or part; suggests the nearest name.
+    """
+    check_slot(slot)
+    registry = registry_with(plugin)
+    place = None if data is None else Path(data)
+    spec = registry.find(slot, name)
+    return Subject(slot, spec, registry, place, tuple(settings), _module_name(plugin))
+
+
+def _module_name(plugin: ModuleType | object | str | None) -> str:
+    """The import name of a plugin; empty if it is no module."""
+    if isinstance(plugin, str):
+        return plugin
+    return plugin.__name__ if isinstance(plugin, ModuleType) else ""
+
+
+def check_slot(slot: str) -> None:
+    """Check the name of a kind.
+
+    Raises:
+        ConfigError: there is no such kind.
+    """
+    if slot not in SLOTS:
+        raise ConfigError(
+            f"there is no kind {slot!r} of parts.{did_you_mean(slot, SLOTS)}",
+            f"Kinds: {', '.join(SLOTS)}.",
+        )
+
+
+def parts_of(
+    name: str,
+    *,
+    plugin: ModuleType | object | str | None = None,
+    data: Path | str | None = None,
+    settings: Sequence[str] = (),
+) -> list[Subject]:
+    """All parts of a plugin.
+
+    Args:
+        name: an installed distribution, or the import name of a module with hooks, installed or
+            not.
+        plugin: as for ``find_subject``.
+        data: as for ``find_subject``.
+        settings: as for ``find_subject``.
+
+    Raises:
+        ConfigError: the plugin registers nothing, or is skipped; says why.
+    """
+    registry = registry_with(plugin)
+    place = None if data is None else Path(data)
+
+    def found() -> list[Subject]:
+        return [
+            Subject(slot, spec, registry, place, tuple(settings), _module_name(plugin))
+            for slot in SLOTS
+            for spec in registry.slot(slot).values()
+            if spec.distribution != PROJECT
+            and name in (spec.distribution, spec.target.partition(":")[0].partition(".")[0])
+        ]
+
+    parts = found()
+    if not parts and plugin is None and _is_module(name):
+        plugin, registry = name, registry_with(name)
+        parts = found()
+    if not parts:
+        broken = " ".join(str(item) for item in registry.broken if item.distribution == name)
+        third_parties = ", ".join(registry.third_parties()) or "none"
+        raise ConfigError(
+            broken or f"no part of a plugin {name!r} is registered.",
+            f"Installed plugins: {third_parties}. See gsfw plugins.",
+        )
+    return parts
+
+
+def _is_module(name: str) -> bool:
+    try:
+        import_module(name)
+    except ModuleNotFoundError:
+        return False
+    return True
