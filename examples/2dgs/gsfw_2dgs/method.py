@@ -91,7 +91,7 @@ class SurfelsMethod(StaticGaussiansMethod):
         return (*super().refiners(scene, model), SingleViews())
 
     def losses(self, context):
-        losses, config = dict(super().losses(context)), self._config
+        losses, config = dict(super().losses(context)), self.config
         surface = Surface(context.rendered, context.batch.cameras)
         if config.distortion_weight > 0 and context.step >= config.distortion_start:
             in_ndc = (NEAR * context.extent) ** 2 * surface.distortion()

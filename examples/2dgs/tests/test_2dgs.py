@@ -9,6 +9,9 @@ import torch
 from gsfw_2dgs.planes import PRODUCTS, Surface, pixel_directions, plane_channels
 
 from gsfw.api import Cameras
+from gsfw.testing import conformance
+
+test_conforms = conformance("plugin", "gsfw-2dgs")
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),

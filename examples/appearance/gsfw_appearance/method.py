@@ -63,16 +63,16 @@ class AppearanceMethod(StaticGaussiansMethod):
     model_class = Gaussians
 
     def begin(self, scene, views, model):
-        config, generator = self._config, torch.Generator().manual_seed(self._config.seed)
+        config, generator = self.config, torch.Generator().manual_seed(self.config.seed)
         model.appearance = Appearance(len(views), config.width, config.channels, generator)
         model.rate = LearningRate(config.appearance_lr)
         self.appearance = model.appearance
 
     def losses(self, context):
-        if context.step < self._config.appearance_start:
+        if context.step < self.config.appearance_start:
             return super().losses(context)
         rendered, target, valid = context.rendered.color, context.target, context.batch.valid
-        weight = self._config.ssim_weight
+        weight = self.config.ssim_weight
         logs = self.appearance.log_factors(rendered, context.batch.views).clamp(-LARGEST, LARGEST)
         # The background behind the splats is no part of the photo.
         shown = rendered * (1 + context.rendered.alpha.detach() * (logs.exp() - 1))
@@ -82,7 +82,7 @@ class AppearanceMethod(StaticGaussiansMethod):
         return {
             "l1": (1 - weight) * l1,
             "dssim": weight * dssim,
-            "center": self._config.center_weight * center,
+            "center": self.config.center_weight * center,
         }
 
     def view_metrics(self, batch, rendered):

@@ -8,6 +8,9 @@ import torch
 from gsfw_appearance.network import Appearance
 
 from gsfw.api import open_run
+from gsfw.testing import conformance
+
+test_conforms = conformance("plugin", "gsfw-appearance")
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),

@@ -95,11 +95,11 @@ class FeatureMethod(StaticGaussiansMethod):
         self.extracted: dict[tuple[int, ...], torch.Tensor] = {}
 
     def extra_columns(self, scene, count):
-        values = scene.points.new_zeros(count, self._config.width)
-        return {"features": Column(values, LearningRate(self._config.features_lr))}
+        values = scene.points.new_zeros(count, self.config.width)
+        return {"features": Column(values, LearningRate(self.config.features_lr))}
 
     def begin(self, scene, views, model):
-        channels, width = views.maps.get(MAP, self.extractor.channels), self._config.width
+        channels, width = views.maps.get(MAP, self.extractor.channels), self.config.width
         self.model = model
         if channels < width:
             column = model.extra["features"]
@@ -108,7 +108,7 @@ class FeatureMethod(StaticGaussiansMethod):
             # Zero features would give a decoder no gradient: it starts as a part of the identity.
             model.decoder = torch.nn.Linear(width, channels, bias=False)
             torch.nn.init.eye_(model.decoder.weight)
-            model.decoder_rate = self._config.decoder_lr
+            model.decoder_rate = self.config.decoder_lr
 
     def wanted(self, batch):
         """The feature maps of a batch at its size: those of the data, or else extracted ones."""
@@ -134,7 +134,7 @@ class FeatureMethod(StaticGaussiansMethod):
             term = batch.maps[MAP].mean((found - self.wanted(batch)).abs())
         else:
             term = (found - self.trained(batch)).abs().mean()
-        return {**super().losses(context), "features": self._config.feature_weight * term}
+        return {**super().losses(context), "features": self.config.feature_weight * term}
 
     def view_metrics(self, batch, rendered):
         """Mean cosine similarity of rendered features and those of the maps, where opaque."""
@@ -148,8 +148,8 @@ class FeatureMethod(StaticGaussiansMethod):
     def view_images(self, batch, rendered):
         """The first three principal components of the features, and the heat map of the query."""
         found = {"features": principal_colors(self.model, rendered)}
-        if self._config.query:
-            vector = self.extractor.words(self._config.query)
+        if self.config.query:
+            vector = self.extractor.words(self.config.query)
             found["query"] = heat(self.relevance(rendered, vector))
         return found
 

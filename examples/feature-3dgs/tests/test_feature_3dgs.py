@@ -15,6 +15,9 @@ from gsfw_feature_3dgs.maps import run as run_features
 from PIL import Image
 
 from gsfw.api import ConfigError
+from gsfw.testing import conformance
+
+test_conforms = conformance("plugin", "gsfw-feature-3dgs")
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),

@@ -90,14 +90,14 @@ class MipSplatting(StaticGaussiansMethod):
     def update(self, model):
         """Set each row's filter: its standard deviation is sqrt(s) sampling intervals."""
         intervals = 1 / self.rates.of(model.means.values.detach())
-        model.extra["filter"].values.copy_(self._config.variance_3d**0.5 * intervals)
+        model.extra["filter"].values.copy_(self.config.variance_3d**0.5 * intervals)
 
     def refiners(self, scene, model):
         return (*super().refiners(scene, model), Smoothing(self))
 
     def render_settings(self, settings, step):
         return replace(
-            settings, profile=replace(settings.profile, dilation=self._config.variance_2d)
+            settings, profile=replace(settings.profile, dilation=self.config.variance_2d)
         )
 
 
@@ -110,6 +110,6 @@ class Smoothing(Refiner):
         self.method = method
 
     def refine(self, context):
-        if context.edits or context.done % self.method._config.filter_every == 0:
+        if context.edits or context.done % self.method.config.filter_every == 0:
             self.method.update(context.model)
         return {}

@@ -8,6 +8,9 @@ import torch
 from gsfw_mip_splatting.sampling import SamplingRates
 
 from gsfw.api import Cameras, RenderSettings, Split, open_run
+from gsfw.testing import conformance
+
+test_conforms = conformance("plugin", "gsfw-mip-splatting")
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),

@@ -56,7 +56,7 @@ class DepthMethod(StaticGaussiansMethod):
 
     def losses(self, context):
         losses = super().losses(context)
-        weight = self._config.depth_weight
+        weight = self.config.depth_weight
         if weight == 0:
             return losses
         measured = context.batch.maps[MAP]

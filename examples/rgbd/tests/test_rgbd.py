@@ -3,6 +3,8 @@
 import json
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 import torch
@@ -11,13 +13,19 @@ from gsfw_rgbd.method import flatness
 from gsfw_rgbd.room import write_room
 
 from gsfw.api import DataError, DataRequest, Split
+from gsfw.testing import conformance
+
+FOLDER = tempfile.TemporaryDirectory()  # Removed at the end of the tests.
+ROOM = Path(FOLDER.name) / "room"
+write_room(ROOM, frames=9, width=48, noise=0.0)
+
+test_conforms = conformance("plugin", "gsfw-rgbd", data=ROOM)
 
 
-@pytest.fixture(scope="module")
-def room(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("rgbd") / "room"
-    write_room(folder, frames=9, width=48, noise=0.0)
-    return folder
+@pytest.fixture
+def room():
+    """A sequence without noise."""
+    return ROOM
 
 
 def train(folder, *arguments):

@@ -14,6 +14,9 @@ RECORDER = """
 import json
 import os
 from types import SimpleNamespace
+from gsfw.testing import conformance
+
+test_conforms = conformance("plugin", "gsfw-wandb")
 
 class Image:
     def __init__(self, pixels, caption=""):
