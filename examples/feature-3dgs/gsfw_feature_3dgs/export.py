@@ -18,6 +18,10 @@ class Npz(Exporter):
         splats = source.splat_file().splats
         if splats.extra is None:
             raise ValueError("the Gaussians have no features; train with method=feature-3dgs")
+        for name, values in splats.tensors().items():
+            finite = values.flatten(1).isfinite().all(1) if values.dim() > 1 else values.isfinite()
+            if not bool(finite.all()):
+                raise ValueError(f"{name} of row {int((~finite).nonzero()[0])} is not finite")
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,

@@ -4,20 +4,25 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from gsfw_feature_3dgs.export import Npz
 from gsfw_feature_3dgs.extractors import ColorTerms, load_extractor
 from gsfw_feature_3dgs.images import heat
 from gsfw_feature_3dgs.maps import run as run_features
 from PIL import Image
 
-from gsfw.api import ConfigError
+from gsfw.api import ConfigError, Sh, SplatFile, Splats
 from gsfw.testing import conformance
 
-test_conforms = conformance("plugin", "gsfw-feature-3dgs")
+test_method_conforms = conformance("method", "feature-3dgs")
+test_query_conforms = conformance("command", "query")
+test_features_conforms = conformance("command", "features")
+# The kit's exporters write splats without features, which this one refuses.
 
 SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=48"),
@@ -115,6 +120,19 @@ def test_feature_maps_in_files_take_the_place_of_the_extractor(tmp_path):
         *("init=random", "random_points=60", "report=false", f"out={tmp_path / 'run'}"),
     )
     assert 0 <= summary["feature_cosine"] < 1
+
+
+def test_the_export_refuses_splats_without_features_or_with_nan(tmp_path):
+    splats = Splats(
+        torch.zeros(3, 3), torch.ones(3), Sh(torch.zeros(3, 1, 3), 0), torch.ones(3, 4),
+        torch.ones(3, 3),
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="method=feature-3dgs"):
+        Npz().write(tmp_path / "a.npz", SplatFile(splats))
+    broken = replace(splats, extra=torch.tensor([[0.0], [torch.nan], [0.0]]))
+    with pytest.raises(ValueError, match="extra of row 1"):
+        Npz().write(tmp_path / "a.npz", SplatFile(broken))
+    assert not (tmp_path / "a.npz").exists()
 
 
 def test_words_are_described_by_the_terms_that_are_nearest():
