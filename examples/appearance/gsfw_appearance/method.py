@@ -37,7 +37,7 @@ class AppearanceConfig(StaticGaussiansConfig):
     """Numbers of an image's embedding."""
     channels: int = number(32, at_least=1)
     """Channels of the network."""
-    appearance_lr: float = number(1e-3, above=0)
+    appearance_lr: float = number(5e-3, above=0)
     """Learning rate of embeddings and network."""
     appearance_start: int = steps_field(500)
     """Steps before appearances are learnt, in which splats learn the mean look."""

@@ -31,6 +31,7 @@ from gsfw.api import (
 from gsfw_rgbd.points import surface_points
 
 LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
+DETECTED = ", ".join(LISTS)
 LENS_FILE = "intrinsics.txt"
 """fx fy cx cy of the images as stored, if it is beside the lists (TUM states them on its page)."""
 
@@ -52,13 +53,12 @@ class TumConfig(CaptureConfig):
     points: int = number(20_000, at_least=0)
     """Points to start from, taken from the depth maps of the training images; 0: none."""
     held_out_every: int = number(8, at_least=2)
-    """One image of so many is held out, from the first on. (The points to start from must not come
-    from held-out images, so the split is the format's.)"""
+    """One image of so many is held out, from the first on; points come from the others alone."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
         found = all((path / name).is_file() for name in LISTS)
-        return Detection(found, ", ".join(LISTS), LISTS[0] if found else "", priority=50)
+        return Detection(found, DETECTED, LISTS[0] if found else "", priority=50)
 
     def recording(self, path: Path, downscale: float) -> Recording:
         images, depths, poses = (read_list(path / name) for name in LISTS)
@@ -125,7 +125,11 @@ def read_list(file):
     The lines of groundtruth.txt have seven numbers, those of the others the name of a file.
     """
     rows, is_poses = {}, file.name == LISTS[2]
-    for place, line in enumerate(file.read_text().splitlines(), start=1):
+    try:
+        lines = file.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{file} cannot be read: {error}.", f"Expected {DETECTED}.") from error
+    for place, line in enumerate(lines, start=1):
         time, *words = line.partition("#")[0].split() or [""]
         if not time:
             continue

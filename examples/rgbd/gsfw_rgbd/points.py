@@ -6,6 +6,8 @@ import numpy as np
 import torch
 from PIL import Image
 
+from gsfw.api import DataError
+
 
 def surface_points(frames, count):
     """About ``count`` points of the frames' depth maps and their colours.
@@ -22,8 +24,12 @@ def surface_points(frames, count):
 
 def _points_of(frame, count, seed):
     depth, lens = frame.maps["depth"].read()[..., 0], frame.lens
-    with Image.open(frame.path) as image:
-        pixels = np.asarray(image.convert("RGB"), np.float32) / 255
+    try:
+        with Image.open(frame.path) as image:
+            pixels = np.asarray(image.convert("RGB"), np.float32) / 255
+    except (OSError, SyntaxError) as error:  # Pillow raises both for files that are cut short.
+        message = f"{frame.path} does not decode: {error}."
+        raise DataError(message, "Copy the file again, or remove its line from rgb.txt.") from error
     rows, columns = np.nonzero(depth > 0)
     chosen = np.random.default_rng(seed).permutation(len(rows))[:count]
     rows, columns = rows[chosen], columns[chosen]
