@@ -32,6 +32,8 @@ from gsfw.plugins.stored_capture import StoredCapture
 
 LOCAL = (*PLACES, "out", "device", "callbacks")
 """Settings and groups that are valid on one machine only; a stored model has none of them."""
+NO_STRATEGY = "none"
+"""The strategy that keeps the rows as they are."""
 STAND_INS = 64
 """Number of substitute points: enough for methods that need neighbours."""
 SAME_FRAME = 1e-5
@@ -114,6 +116,9 @@ def rebuild(
         if key.partition(".")[0] not in (*LOCAL, "rasterizer")
         and (with_data or key.partition(".")[0] not in SLOT_KEYS)
     }
+    if stored.settings.get("strategy") == NO_STRATEGY:
+        # Models that cannot be densified refuse every other strategy.
+        values["strategy"] = NO_STRATEGY
     packages = (_package(stored),)
     layers = [Layer(f"model file {path}", values, packages=packages)]
     layers += [changed] if changed else []

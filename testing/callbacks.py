@@ -56,7 +56,7 @@ def _run(subject: Subject, name: str) -> Trial:
 
 
 def _watched_run(subject: Subject) -> tuple[list[BaseException], dict[str, object]]:
-    """What a callback raised in a run, and the state of the run."""
+    """Errors of the callback in a run, and the state of the run."""
 
     def run() -> tuple[list[BaseException], dict[str, object]]:
         raised: list[BaseException] = []

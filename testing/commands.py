@@ -15,7 +15,7 @@ NO_SETTING = "there-is-no-such-setting=1"
 
 
 def _ends_by(subject: Subject, *arguments: str) -> tuple[object, str]:
-    """What a verb returns or raises, and what it prints."""
+    """The result or the error of a verb, and its printed text."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:

@@ -119,3 +119,11 @@ def test_the_kit_needs_no_pytest():
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "False", done.stderr
+
+
+@pytest.mark.slow
+def test_a_model_that_cannot_be_densified_renders_from_its_model_file(monkeypatch):
+    monkeypatch.syspath_prepend(PAGE.parents[1] / "examples")
+    subject = find_subject("method", "blobs", plugin="prototype_method")
+    names = ("model-file-renders-the-same", "learns")
+    assert {outcome.verdict for outcome in outcomes(subject, names)} == {Verdict.KEPT}
