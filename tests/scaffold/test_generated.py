@@ -148,7 +148,7 @@ def test_the_data_manager_is_recognised_and_trained_on(environment):
 
 
 def test_their_own_tests_pass(environment):
-    # Those of methods like moving ones take a minute each, and hold what the built-in ones hold.
+    # Those of methods that derive from moving ones take minutes.
     folders = [f"{name}/tests" for name, (_, like) in NAMES.items() if like in ("", "3dgs")]
     environment.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *folders)
 
