@@ -27,8 +27,8 @@ from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.open_rasterizer import open_rasterizer, render_needs
 from gsfw.plugins.loading import load_all
+from gsfw.plugins.open_rasterizer import open_rasterizer, render_needs
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
