@@ -90,7 +90,7 @@ def registry_with(plugin: ModuleType | object | str | None) -> Registry:
         return installed()
     discovery = Discovery()
     discovery.load_builtin()
-    discovery.load_installed()
+    discovery.load_third_parties()
     module = import_module(plugin) if isinstance(plugin, str) else plugin
     name = module.__name__ if isinstance(module, ModuleType) else type(module).__name__
     top = name.partition(".")[0]
