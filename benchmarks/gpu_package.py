@@ -28,7 +28,9 @@ def make_package(parent: Path) -> Path:
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to(ROOT / source, target_is_directory=True)
     for generated in build["generate"]:
-        text = generated["template"].replace("${version}", version)
+        path = generated.get("template-path")
+        template = (ROOT / path).read_text(encoding="utf-8") if path else generated["template"]
+        text = template.replace("${version}", version)
         (folder / generated["path"]).write_text(text, encoding="utf-8")
     metadata = folder / f"{name}-{version}.dist-info" / "METADATA"
     metadata.parent.mkdir()

@@ -58,7 +58,7 @@ def test_verbs_and_their_keys_are_offered(bash):
     assert bash("gsfw trai") == ["train"]
     assert {"train", "runs", "completion", "--help"} <= set(bash("gsfw "))
     assert bash("gsfw eval spl") == ["split="]
-    assert bash("gsfw new r") == ["rasterizer"]
+    assert bash("gsfw new ra") == ["rasterizer"]
     assert bash("gsfw runs com") == ["compare"]
     assert bash("gsfw config sho") == ["show"]
 
