@@ -129,6 +129,7 @@ def test_a_size_of_images_is_suggested_for_runs_of_steps_alone(good, capsys, mon
     assert "downscale=2" in check(capsys, good, "steps=100", "out=none")["next"]
 
 
+@pytest.mark.slow
 def test_the_suggestion_is_a_command_that_fits(good, capsys, tmp_path):
     command = check(capsys, good, "out=none")["next"].split()
     assert main([*command[1:], "--dry-run"]) == 0

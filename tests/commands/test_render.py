@@ -277,6 +277,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_an_interrupted_render_says_that_it_can_go_on(moving_run, tmp_path):
     arguments = [
         "what=orbit",

@@ -159,6 +159,7 @@ def test_tracks_are_drawn_on_the_frames_of_a_page_and_follow_its_time():
     assert np.array_equal(maker.make(replace(state, tracks=False)).image, plain)
 
 
+@pytest.mark.slow
 def test_a_webp_holds_every_frame_and_opens_one_at_a_time(tmp_path, monkeypatch):
     from gsfw.rendering import film
 

@@ -19,6 +19,7 @@ CHECK = Path(__file__).with_name("vocabulary_check.cpp")
 pytestmark = pytest.mark.native("kernels/cpu/native", "kernels/shared", "tests/kernels/cpu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instruction_set", instruction_sets() or ["scalar"])
 def test_packs_mean_what_numbers_mean(instruction_set: str, tmp_path: Path) -> None:
     flags = [*flags_of(instruction_set), "-O1"]

@@ -5,6 +5,8 @@ import math
 import pytest
 import torch
 
+pytestmark = pytest.mark.slow  # Compiles the headers; plain runs test them in the rasterizers.
+
 PIXELS = 5
 
 

@@ -11,6 +11,8 @@ from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.rasterizers.reference.lens import project_points
 
+pytestmark = pytest.mark.slow  # Compiles the headers; plain runs test them in the rasterizers.
+
 SLOPES = [0.0, 1e-12, 1e-6, 1e-3, 0.09, 0.11, 0.3, 0.33, 0.6, 1.5, 8.0, 1e3]
 """On the axis, on both sides of where the series end, on both sides of the pinhole's limits."""
 

@@ -14,6 +14,8 @@ from gsfw.core.splats import Splats
 from gsfw.rasterizers.reference.layers import projected_splats
 from gsfw.rasterizers.reference.project import project, visible_extents
 
+pytestmark = pytest.mark.slow  # Compiles the headers; plain runs test them in the rasterizers.
+
 N = 64
 
 

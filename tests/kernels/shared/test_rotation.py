@@ -6,6 +6,8 @@ import torch
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import QUATERNION_MIN_NORM
 
+pytestmark = pytest.mark.slow  # Compiles the headers; plain runs test them in the rasterizers.
+
 
 def quaternions(scale: float) -> tuple[torch.Tensor, torch.Tensor]:
     generator = torch.Generator().manual_seed(0)

@@ -6,6 +6,8 @@ from torch.nn.functional import normalize
 
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients, sh_basis
 
+pytestmark = pytest.mark.slow  # Compiles the headers; plain runs test them in the rasterizers.
+
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
 @pytest.mark.parametrize("degree", range(MAX_DEGREE + 1))

@@ -55,6 +55,7 @@ def doctor(forced: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_environment_forces_one_and_the_doctor_shows_it():
     result = doctor("scalar")
     assert result.returncode == 0, result.stderr
