@@ -319,10 +319,21 @@ def _texts(values: Mapping[str, object]) -> list[str]:
 
 @contextmanager
 def _calling(callbacks: Sequence[Callback], progress: bool) -> Iterator[Caller]:
-    """The program that calls gsfw, alone; warnings and slow stages are printed if it wants that."""
+    """The program that calls gsfw, alone; warnings and slow stages are printed if it wants that.
+
+    Raises:
+        ConfigError: a callback is none.
+    """
     from gsfw.commands.interface.progress import SlowStages
+    from gsfw.core.callback import Callback
     from gsfw.core.progress import shown_by
 
+    for callback in callbacks if isinstance(callbacks, Sequence) else [callbacks]:
+        if not isinstance(callback, Callback) or callback is callbacks:
+            raise ConfigError(
+                f"callbacks={callbacks!r}: expected a list of gsfw.api.Callback.",
+                "Derive from it, and give an object of your class: callbacks=[MyCallback()]",
+            )
     console = ProgramConsole(is_quiet=not progress)
     with _ALONE, ExitStack() as stack:
         if progress:
