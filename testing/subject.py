@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.discovery import BUILTIN, Discovery, PluginSource
 from gsfw.plugins.loading import load
-from gsfw.plugins.plugin_path import VARIABLE, hook_modules
+from gsfw.plugins.plugin_path import VARIABLE, hook_modules, places
 from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed, package
 from gsfw.plugins.specs import PROJECT, Spec
 
@@ -201,7 +201,9 @@ def parts_of(
         plugin, registry = name, registry_with(name)
         parts = found(name, name.partition(".")[0])
     if not parts:
-        broken = " ".join(str(item) for item in registry.broken if item.distribution == name)
+        broken = " ".join(
+            str(item) for item in registry.broken if name in (item.distribution, item.name)
+        )
         third_parties = ", ".join(registry.third_parties()) or "none"
         raise ConfigError(
             broken or f"no part of a plugin {name!r} is registered.",
@@ -259,6 +261,8 @@ def _module(name: str) -> ModuleType | None:
 def _module_here(name: str) -> str:
     """The advice for a module of the current folder, where no import looks; empty without one."""
     for place in (Path(name), Path(f"{name}.py")):
+        if place.resolve() in places():
+            return ""  # It is named already, and is skipped or registers nothing.
         if (place.suffix == ".py" and place.is_file()) or (place / "__init__.py").is_file():
             command = f"{VARIABLE}={place} gsfw plugins check {place.stem}"
             return f"There is {place} in this folder; name it: {command}"

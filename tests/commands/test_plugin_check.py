@@ -94,3 +94,12 @@ def test_a_plugin_of_the_path_is_checked_as_an_installed_one(plugin_path, tmp_pa
     only = "only=registration-is-light,states-its-api-range"
     assert main(["plugins", "check", "of-the-path", only]) == 0
     assert "2 kept, 0 broken, 0 not applicable" in capsys.readouterr().out
+
+
+def test_a_module_of_the_path_that_fails_is_not_advised_to_be_named(plugin_path, folder, capsys):
+    (folder / "fails_on_the_path.py").write_text("def\n")
+    plugin_path(folder / "fails_on_the_path.py")
+    assert main(["plugins", "check", "fails_on_the_path"]) == 2
+    said = capsys.readouterr().err
+    assert "SyntaxError" in said
+    assert "name it" not in said
