@@ -298,7 +298,7 @@ def render(
         raise ConfigError("render: splats are those of one time already.", "Leave out time.")
     means = source.means
     batch = one_batch(cameras).to(means.device, means.dtype)
-    color = background_tensor(background, None)
+    color = background_tensor(background, dtype=means.dtype)
     settings = RenderSettings(
         background=None if color is None else color.to(means),
         antialias=antialias,

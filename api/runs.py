@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -319,10 +319,21 @@ def _texts(values: Mapping[str, object]) -> list[str]:
 
 @contextmanager
 def _calling(callbacks: Sequence[Callback], progress: bool) -> Iterator[Caller]:
-    """The program that calls gsfw, alone; warnings and slow stages are printed if it wants that."""
+    """The program that calls gsfw, alone; warnings and slow stages are printed if it wants that.
+
+    Raises:
+        ConfigError: a callback is none.
+    """
     from gsfw.commands.interface.progress import SlowStages
+    from gsfw.core.callback import Callback
     from gsfw.core.progress import shown_by
 
+    watching = tuple(callbacks) if isinstance(callbacks, Iterable) else None
+    if watching is None or not all(isinstance(callback, Callback) for callback in watching):
+        raise ConfigError(
+            f"callbacks={callbacks!r}: expected a list of gsfw.api.Callback.",
+            "Derive from it, and give an object of your class: callbacks=[MyCallback()]",
+        )
     console = ProgramConsole(is_quiet=not progress)
     with _ALONE, ExitStack() as stack:
         if progress:
@@ -331,7 +342,7 @@ def _calling(callbacks: Sequence[Callback], progress: bool) -> Iterator[Caller]:
             stack.enter_context(LoggedWarnings(console).shown())
         for broken in installed().broken:
             console.warn(str(broken))
-        yield Caller(console, _train_in_program, callbacks, progress)
+        yield Caller(console, _train_in_program, watching, progress)
 
 
 def _train_in_program(trainer: Trainer, console: Console) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from gsfw.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    import torch
     from torch import Tensor
 
 AUTO = "auto"
@@ -39,14 +40,17 @@ def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, 
 
 
 def background_tensor(
-    background: str | Sequence[float] | Tensor | None, usual: Tensor | None = None
+    background: str | Sequence[float] | Tensor | None,
+    usual: Tensor | None = None,
+    dtype: torch.dtype | None = None,
 ) -> Tensor | None:
-    """A background as a tensor on the CPU, float32.
+    """A background as a tensor, by channel; one that is given as a tensor keeps its device.
 
     Args:
         background: as ``parse_background`` takes it, or a value for each channel; ``None`` for
             the usual one.
         usual: the usual one, which is returned as it is.
+        dtype: of the result; ``None`` for float32.
 
     Raises:
         ConfigError: it is neither a name nor numbers.
@@ -55,6 +59,12 @@ def background_tensor(
 
     if background is None:
         return usual
+    dtype = dtype or torch.float32
     if isinstance(background, str):
-        return torch.tensor(parse_background(background))
-    return torch.as_tensor(background, dtype=torch.float32).flatten()
+        return torch.tensor(parse_background(background), dtype=dtype)
+    try:
+        return torch.as_tensor(background, dtype=dtype).flatten()
+    except (TypeError, ValueError, RuntimeError):
+        raise ConfigError(
+            f"background={background!r}: expected white, black, auto, or a number for each channel."
+        ) from None

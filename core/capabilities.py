@@ -119,9 +119,11 @@ class Capabilities:
     """Guarantee of equal bits when the same inputs are rendered twice."""
     rule: str = SPLATTING
     """Name of the rule of its images. Backends of one rule make the same images, and are held to
-    the reference; one with a rule of its own, such as rays or surfels, is not."""
+    the reference; one with a rule of its own, such as rays or surfels, is not, and is taken only
+    where it is named."""
     preference: int = 0
-    """``rasterizer=auto`` takes the highest one that fits; the torch reference has 0."""
+    """``rasterizer=auto`` takes the highest one of splatting's rule that fits; the torch reference
+    has 0."""
     unavailable: str = ""
     """The cause why it cannot run here and the remedy; empty when it can run."""
     details: Mapping[str, str] = field(default_factory=dict)
@@ -156,6 +158,11 @@ def _mismatches(able: Capabilities, needs_by: Mapping[str, Needs], device: str) 
         together = able.lacking(reduce(or_, needs_by.values(), Needs()), device)
         found = [f"all components together need {need}" for need in together]
     return found
+
+
+def of_splatting(capabilities: Mapping[str, Capabilities]) -> dict[str, Capabilities]:
+    """The rasterizers that may be chosen automatically: all make the images of splatting."""
+    return {name: able for name, able in capabilities.items() if able.rule == SPLATTING}
 
 
 def fitting(

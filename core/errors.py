@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import wraps
+from types import TracebackType
 from typing import ParamSpec, TypeVar
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
+
+INNER_PACKAGES = frozenset({"gsfw", "torch", "jaxtyping", "beartype", *sys.stdlib_module_names})
+"""Packages whose frames say nothing to those who call gsfw."""
 
 
 class UserError(Exception):
@@ -50,9 +55,10 @@ class TrainingError(UserError):
 
 
 def without_inner_frames(function: Callable[Given, Answer]) -> Callable[Given, Answer]:
-    """Decorate a function for Python programs: the traceback of a ``UserError`` ends there.
+    """Decorate a function for Python programs: a ``UserError`` shows no frames of gsfw.
 
     The message says what to do; the frames inside of gsfw would only hide the user's own line.
+    Frames of callbacks and plugins stay, and so does the cause.
     """
 
     @wraps(function)
@@ -60,6 +66,18 @@ def without_inner_frames(function: Callable[Given, Answer]) -> Callable[Given, A
         try:
             return function(*args, **kwargs)
         except UserError as error:
-            raise error.with_traceback(None) from None
+            frames = _foreign_frames(error.__traceback__)
+            raise error.with_traceback(frames) from error.__cause__
 
     return called
+
+
+def _foreign_frames(frames: TracebackType | None) -> TracebackType | None:
+    """A traceback without the frames of gsfw and of what it calls itself with."""
+    if frames is None:
+        return None
+    inner = _foreign_frames(frames.tb_next)
+    module = str(frames.tb_frame.f_globals.get("__name__", ""))
+    if module.partition(".")[0] in INNER_PACKAGES:
+        return inner
+    return TracebackType(inner, frames.tb_frame, frames.tb_lasti, frames.tb_lineno)

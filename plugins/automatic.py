@@ -107,17 +107,21 @@ def choose_device(
     them.
 
     Raises:
-        ConfigError: no rasterizer is installed.
+        ConfigError: no rasterizer is installed, or none of splatting's rule.
     """
     import torch
 
-    from gsfw.core.capabilities import fitting
+    from gsfw.core.capabilities import fitting, of_splatting
 
     able = rasterizer_capabilities(registry)
     if not able:
         raise ConfigError("no rasterizer is installed.", "See gsfw doctor.")
-    if rasterizer != AUTO:
-        able = {rasterizer: able[rasterizer]}
+    named, able = able, of_splatting(able) if rasterizer == AUTO else {rasterizer: able[rasterizer]}
+    if not able:
+        raise ConfigError(
+            "rasterizer=auto: every installed rasterizer has a rule of its own, not splatting's.",
+            f"Name one: rasterizer={min(named)}",
+        )
     chosen_device = None
     if device == AUTO:
         if not torch.cuda.is_available():

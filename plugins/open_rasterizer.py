@@ -7,14 +7,14 @@ from functools import lru_cache
 import torch
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.capabilities import Feature, Needs, check_fit, fitting
+from gsfw.core.capabilities import Feature, Needs, check_fit, fitting, of_splatting
 from gsfw.core.config import AUTO, RasterizerConfig
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.loading import load
-from gsfw.plugins.registry import installed
+from gsfw.plugins.registry import Registry, installed
 
 REFERENCE = "reference"
 """The backend with the most abilities: where it does not fit, it is named with what it lacks."""
@@ -46,7 +46,8 @@ def open_rasterizer(
     """Build an installed rasterizer with its default settings.
 
     Args:
-        name: as in ``rasterizer=NAME``; "auto" for the fastest one that fits.
+        name: as in ``rasterizer=NAME``; "auto" for the fastest one of splatting's rule that
+            fits.
         device: of the splats that it will render.
         needs: abilities that it must have, as ``render_needs`` returns them; ``None`` for none.
 
@@ -54,17 +55,18 @@ def open_rasterizer(
         ConfigError: there is no such backend, or it does not fit; names what it lacks.
     """
     device = torch.device(device)
-    spec = installed().find("rasterizer", _fitting_name(name, needs or Needs(), device.type))
+    registry = installed()
+    name = _fitting_name(registry, name, needs or Needs(), device.type)
+    spec = registry.find("rasterizer", name)
     config: RasterizerConfig = load("rasterizer", spec)()
     return config.build(device)
 
 
 @lru_cache(maxsize=64)  # Loops of small renders would wait for it: it asks every backend.
-def _fitting_name(name: str, needs: Needs, device: str) -> str:
-    registry = installed()
+def _fitting_name(registry: Registry, name: str, needs: Needs, device: str) -> str:
     able = rasterizer_capabilities(registry)
     if name == AUTO:
-        fits = fitting({"this render": needs}, able, device)
+        fits = fitting({"this render": needs}, of_splatting(able), device)
         name = fits[0] if fits else REFERENCE
     registry.find("rasterizer", name)
     check_fit(name, {"this render": needs}, able, device)

@@ -82,6 +82,14 @@ def places() -> list[Path]:
     return list(dict.fromkeys(Path(text).expanduser().resolve() for text in given if text))
 
 
+def hook_modules(distribution: str) -> tuple[str, ...]:
+    """The modules with the hooks of a plugin of GSFW_PLUGIN_PATH; empty for any other one."""
+    if not distribution.startswith(FROM):
+        return ()
+    found = plugins_on_path(Path(distribution.removeprefix(FROM)))
+    return tuple(sorted({plugin.target.partition(":")[0] for plugin in found}))
+
+
 def removal(distribution: str) -> str:
     """The words for doing without a plugin: "uninstall gsfw-dots"."""
     if distribution.startswith(FROM):
@@ -93,7 +101,7 @@ def _entry_points(project: Path) -> Mapping[str, str]:
     """Name and target of the entry points for gsfw.
 
     Raises:
-        ValueError: there are none, or the file is no TOML.
+        ValueError: there are none, or the file is no TOML, or not of this form.
     """
     try:
         tomllib = import_module("tomllib")
@@ -104,12 +112,25 @@ def _entry_points(project: Path) -> Mapping[str, str]:
         ) from None
     try:
         document = tomllib.loads(project.read_text(encoding="utf-8"))
-        found = document["project"]["entry-points"][PROJECT]
-    except KeyError:
-        raise ValueError(f"pyproject.toml has no [project.entry-points.{PROJECT}]") from None
     except (OSError, ValueError) as error:
         raise ValueError(f"pyproject.toml cannot be read: {error}") from error
-    return {str(name): str(target) for name, target in found.items()}
+    names: list[str] = []
+    for name in ("project", "entry-points", PROJECT):
+        if name not in document:
+            raise ValueError(f"pyproject.toml has no [project.entry-points.{PROJECT}]")
+        names, document = [*names, name], document[name]
+        if not isinstance(document, Mapping):
+            raise ValueError(
+                f"in pyproject.toml, {'.'.join(names)} is {document!r}: expected a table, "
+                f"[project.entry-points.{PROJECT}]"
+            )
+    for name, target in document.items():
+        if not isinstance(target, str):
+            raise ValueError(
+                f"in pyproject.toml, entry point {name!r} is {target!r}: expected a text such as "
+                '"my_package.registration"'
+            )
+    return document
 
 
 def _add_path(folder: Path, first: bool) -> None:

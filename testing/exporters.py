@@ -29,6 +29,18 @@ def _exporter(subject: Subject) -> Exporter:
     return exporter
 
 
+def _write(exporter: Exporter, path: Path, source: ExportSource) -> None:
+    """Write a file.
+
+    Raises:
+        NotApplicable: the format cannot hold what the kit makes, such as splats without features.
+    """
+    try:
+        exporter.write(path, source)
+    except ValueError as error:
+        raise NotApplicable(f"it refuses what the kit makes: {error}") from error
+
+
 def _writes_what_it_holds(subject: Subject) -> None:
     exporter, path = _exporter(subject), subject.workspace / f"file{subject.target.suffix}"
     require(
@@ -36,7 +48,7 @@ def _writes_what_it_holds(subject: Subject) -> None:
         f"suffix is {exporter.suffix!r}.",
         'Give the end of file names with the dot: suffix = ".splat".',
     )
-    exporter.write(path, source_for(subject, exporter.holds))
+    _write(exporter, path, source_for(subject, exporter.holds))
     written = path.is_file() and path.stat().st_size > 0
     require(written, "write left no file.", "Write to the given path.")
 
@@ -78,13 +90,13 @@ def _read_again(subject: Subject, content: SplatFile) -> SplatFile:
     """Write splats, and read them with an installed importer that recognises the file.
 
     Raises:
-        NotApplicable: the exporter writes no splats, or no importer reads its format.
+        NotApplicable: the exporter writes no splats or not these, or no importer reads its format.
     """
     exporter = _exporter(subject)
     if exporter.holds is not Holds.SPLATS:
         raise NotApplicable(f"no importer reads {exporter.holds.value}")
     path = subject.workspace / f"again{exporter.suffix}"
-    exporter.write(path, content)
+    _write(exporter, path, content)
     for spec in subject.registry.slot("importer").values():
         importer = load("importer", spec)()
         if importer.recognises(path):

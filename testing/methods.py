@@ -256,7 +256,7 @@ def _image(splats: Splats) -> torch.Tensor:
 def _settings_survive_config_yaml(subject: Subject) -> None:
     settings = method_trial(subject, "settings", {}).settings()
     path = subject.workspace / "config.yaml"
-    path.write_text(write_config(settings, ["check"]))
+    path.write_text(write_config(settings, ["check"]), encoding="utf-8")
     again = resolve(subject.registry, [read_config(path, everything=True)])
     found = difference({**settings.flat(), "out": ""}, {**again.flat(), "out": ""})
     require(not found, f"read from config.yaml, {found}.", "Use plain types for settings.")

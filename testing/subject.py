@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.discovery import BUILTIN, Discovery, PluginSource
 from gsfw.plugins.loading import load
+from gsfw.plugins.plugin_path import VARIABLE, hook_modules, places
 from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed, package
 from gsfw.plugins.specs import PROJECT, Spec
 
@@ -36,6 +37,14 @@ class Subject:
     plugin: str = ""
     """Module with the hooks of a plugin that is not installed; empty for installed parts."""
     _known: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        for item in self.settings:
+            if not item.partition("=")[1]:
+                raise ConfigError(
+                    f"settings={item}: expected keys with values.",
+                    "Write them with commas: settings=strategy.every=10,steps=50",
+                )
 
     def __str__(self) -> str:
         return f"{self.slot} {self.name!r} ({package(self.spec)})"
@@ -59,6 +68,8 @@ class Subject:
         """The modules with the hooks of the part's package; empty if it has none."""
         if self.spec.distribution == PROJECT:
             return BUILTIN
+        if of_path := hook_modules(self.spec.distribution):
+            return of_path
         entries = [entry for entry in metadata.entry_points(group=PROJECT) if entry.dist]
         own = (e for e in entries if e.dist and e.dist.name == self.spec.distribution)
         found = tuple(sorted({entry.value.partition(":")[0] for entry in own}))
@@ -85,13 +96,18 @@ def registry_with(plugin: ModuleType | object | str | None) -> Registry:
 
     Args:
         plugin: a module with hooks, its import name, or an object with hooks; ``None`` for none.
+
+    Raises:
+        ConfigError: there is no such module, or it cannot be imported.
     """
     if plugin is None:
         return installed()
     discovery = Discovery()
     discovery.load_builtin()
     discovery.load_third_parties()
-    module = import_module(plugin) if isinstance(plugin, str) else plugin
+    module = _module(plugin) if isinstance(plugin, str) else plugin
+    if module is None:
+        raise ConfigError(f"there is no module {plugin!r}.", _module_here(str(plugin)))
     name = module.__name__ if isinstance(module, ModuleType) else type(module).__name__
     top = name.partition(".")[0]
     try:
@@ -166,7 +182,7 @@ def parts_of(
         settings: as for ``find_subject``.
 
     Raises:
-        ConfigError: the plugin registers nothing, or is skipped; says why.
+        ConfigError: the plugin registers nothing, is skipped, or cannot be imported; says why.
     """
     registry = registry_with(plugin)
     place = None if data is None else Path(data)
@@ -181,15 +197,17 @@ def parts_of(
         ]
 
     parts = found(name)
-    if not parts and plugin is None and _is_module(name):
+    if not parts and plugin is None and _module(name):
         plugin, registry = name, registry_with(name)
         parts = found(name, name.partition(".")[0])
     if not parts:
-        broken = " ".join(str(item) for item in registry.broken if item.distribution == name)
+        broken = " ".join(
+            str(item) for item in registry.broken if name in (item.distribution, item.name)
+        )
         third_parties = ", ".join(registry.third_parties()) or "none"
         raise ConfigError(
             broken or f"no part of a plugin {name!r} is registered.",
-            f"Installed plugins: {third_parties}. See gsfw plugins.",
+            _module_here(name) or f"Installed plugins: {third_parties}. See gsfw plugins.",
         )
     return parts
 
@@ -221,9 +239,31 @@ def subjects_named(
     return [find_subject(kind, name, data=data, settings=settings) for kind in slots]
 
 
-def _is_module(name: str) -> bool:
+def _module(name: str) -> ModuleType | None:
+    """Import a module by its name; ``None`` if there is none of this name.
+
+    Raises:
+        ConfigError: it fails when it is imported; says how.
+    """
+    if not all(word.isidentifier() for word in name.split(".")):
+        return None
     try:
-        import_module(name)
-    except ModuleNotFoundError:
-        return False
-    return True
+        return import_module(name)
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and f"{name}.".startswith(f"{error.name}."):
+            return None
+        raise ConfigError(
+            f"module {name!r} cannot be imported: {type(error).__name__}: {error}.",
+            "Correct it, or install what it needs.",
+        ) from error
+
+
+def _module_here(name: str) -> str:
+    """The advice for a module of the current folder, where no import looks; empty without one."""
+    for place in (Path(name), Path(f"{name}.py")):
+        if place.resolve() in places():
+            return ""  # It is named already, and is skipped or registers nothing.
+        if (place.suffix == ".py" and place.is_file()) or (place / "__init__.py").is_file():
+            command = f"{VARIABLE}={place} gsfw plugins check {place.stem}"
+            return f"There is {place} in this folder; name it: {command}"
+    return ""

@@ -111,7 +111,7 @@ class Trial:
         """
         composition, folder = self.composition(data), RunFolder(self.folder)
         folder.path.mkdir(parents=True, exist_ok=True)
-        folder.config.write_text(write_config(composition.settings, ["check"]))
+        folder.config.write_text(write_config(composition.settings, ["check"]), encoding="utf-8")
         return composition.trainer(folder, callbacks)
 
     def resumed(self, step: int, callbacks: Sequence[Callback] = ()) -> Trainer:
@@ -171,7 +171,7 @@ def _flat(state: object, where: str = "") -> Iterator[tuple[str, object]]:
 def _same(first: object, second: object) -> bool:
     if isinstance(first, Tensor) and isinstance(second, Tensor):
         same_form = (first.dtype, first.shape) == (second.dtype, second.shape)
-        return same_form and torch.equal(first.nan_to_num(), second.nan_to_num())
+        return same_form and bool(((first == second) | (first.isnan() & second.isnan())).all())
     return type(first) is type(second) and first == second
 
 

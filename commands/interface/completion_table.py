@@ -24,7 +24,7 @@ from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
 from gsfw.plugins.registry import SLOTS, Registry
 from gsfw.rendering.channels import CHANNELS
-from gsfw.scaffold.kinds import KINDS
+from gsfw.scaffold.kinds import BASES, KINDS
 
 START, FILE = "-", "@"
 FILES = ("data", "out", "config", "init", "images", "masks")
@@ -32,11 +32,16 @@ FILES = ("data", "out", "config", "init", "images", "masks")
 FLAG_KEYS = ("json", "debug")
 SETTINGS_VERBS = ("train", "config")
 """Verbs that take every setting of a method."""
-DEVICES = (AUTO, "cpu", "cuda")
+VALUES = {
+    "device": (AUTO, "cpu", "cuda"),
+    "slot": tuple(SLOTS),
+    "like": tuple(BASES),
+    "channel": tuple(CHANNELS),
+}
+"""Values of keys of text, by name."""
 VERB_SLOTS = {
     ("export", "format"): "exporter",
     ("info", "format"): "datamanager",
-    ("new", "like"): "method",
 }
 """Keys of verbs whose values are names of a slot of another name."""
 ACTIONS = {"config": ("show",), "completion": ("bash", "zsh", "fish"), "new": tuple(KINDS)}
@@ -161,12 +166,8 @@ def _values(key: Key, slot: str, registry: Registry) -> tuple[str, ...]:
         return found
     if key.name in FILES:
         return (FILE,)
-    if key.name == "device":
-        return DEVICES
-    if key.name == "slot":
-        return tuple(SLOTS)
-    if key.name == "channel":
-        return tuple(CHANNELS)
+    if key.name in VALUES:
+        return VALUES[key.name]
     return tuple(registry.slot(slot)) if slot in SLOTS else ()
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import torch
 
-from gsfw.core.capabilities import Feature
+from gsfw.core.capabilities import Feature, of_splatting
 from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.loading import load
@@ -214,9 +214,9 @@ def _backends(model: FinishedModel) -> Made:
     """Other rasterizers that render the same image here, and types other than float32."""
     needs = [model.restored.composition.settings.config.needs(), model.subject.settings.needs()]
     found = []
-    for name, able in model.able.items():
+    for name, able in of_splatting(model.able).items():
         if able.preference < 0 or any(able.lacking(need, model.device.type) for need in needs):
-            continue  # Below 0 are rasterizers that render by another rule.
+            continue  # Below 0 are rasterizers that are never chosen automatically.
         config = load("rasterizer", model.registry.find("rasterizer", name))()
         if name != model.rasterizer:
             built = config.build(model.device)

@@ -82,6 +82,10 @@ def test_a_background_is_a_name_a_text_or_a_value_for_each_channel():
     features = replace(splats, colors=torch.ones(2, 5))
     corner = render(features, camera, background=[0.5] * 5).color[0, 0, 0]
     assert corner.tolist() == [0.5] * 5
+    double = splats.map(lambda tensor: tensor.double())
+    fine = torch.full((3,), 0.1, dtype=torch.float64)
+    corner = render(double, camera, background=fine).color[0, 0, 0]
+    assert corner.tolist() == [0.1] * 3, "a background has the precision of the splats"
     with pytest.raises(ConfigError, match=r"background=pink: expected white, black"):
         render(splats, camera, background="pink")
 

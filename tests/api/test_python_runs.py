@@ -114,6 +114,9 @@ def test_what_is_exported_renders_as_the_run_does(finished_run, tmp_path):
         ({"minutes": 1.0}, "minutes=1.0 and steps=4: a run ends after a time or"),
         ({"preset": "fasst"}, "has no preset 'fasst'. Did you mean 'fast'"),
         ({"seed": -1}, "seed=-1: expected a number"),
+        ({"callbacks": [object()]}, "expected a list of gsfw.api.Callback"),
+        ({"callbacks": [Callback]}, "expected a list of gsfw.api.Callback"),
+        ({"callbacks": Callback()}, "expected a list of gsfw.api.Callback"),
     ],
 )
 def test_wrong_settings_are_refused_as_by_the_verb(given, message, tmp_path):

@@ -4,6 +4,7 @@ import pytest
 import torch
 from support.drifting_run import drifting_run
 from support.moving_scene import SMALL_MOVING_SCENE
+from support.plugin_files import plugin_path  # noqa: F401 - a fixture
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -12,6 +12,7 @@ from gsfw.commands.interface.completion_scripts import SCRIPTS, completion_scrip
 from gsfw.commands.interface.completion_table import START, completion_table
 from gsfw.commands.main import main
 from gsfw.plugins.registry import installed
+from gsfw.scaffold.kinds import BASES
 
 
 @cache
@@ -61,6 +62,7 @@ def test_verbs_and_their_keys_are_offered(bash):
     assert bash("gsfw new ra") == ["rasterizer"]
     assert bash("gsfw runs com") == ["compare"]
     assert bash("gsfw config sho") == ["show"]
+    assert sorted(bash("gsfw new method mine like=")) == sorted(BASES), "what gsfw new takes"
 
 
 def test_values_of_choices_and_names_of_parts_are_offered(bash):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gsfw.core.cameras import CameraModel
-from gsfw.core.capabilities import Capabilities, Feature, Needs, check_fit, fitting
+from gsfw.core.capabilities import Capabilities, Feature, Needs, check_fit, fitting, of_splatting
 from gsfw.core.errors import ConfigError
 
 FULL = Capabilities(
@@ -139,3 +139,8 @@ def test_a_device_that_is_not_supported_is_named_with_those_that_are():
         "rasterizer 'fast' does not run on device 'mps' (it runs on: cpu).\n"
         "Rasterizers that fit here: none."
     )
+
+
+def test_only_backends_of_splattings_rule_are_chosen_automatically():
+    able = {"surfels": replace(FULL, rule="surfels", preference=99), "fast": FAST}
+    assert list(of_splatting(able)) == ["fast"]

@@ -141,8 +141,36 @@ class Cuda(Base):
     able = Capabilities(devices=frozenset({"cuda"}), features=frozenset(Feature), preference=20)
 
 
+@dataclass
+class SurfelRasterizer(Base):
+    able = Capabilities(
+        devices=frozenset({"cpu", "cuda"}),
+        features=frozenset(Feature),
+        rule="surfels",
+        preference=99,
+    )
+
+
+class Surfels(FakePlugin):
+    """Also has a preferred rasterizer with a rule of its own."""
+
+    @hookimpl
+    def gsfw_rasterizers(self):
+        own = Spec("surfels", "", f"{__name__}:SurfelRasterizer")
+        return [*super().gsfw_rasterizers(), own]
+
+
 class Unbuilt(Graphic):
     unavailable = "NVRTC is not installed; pip install nvidia-cuda-nvrtc."
+
+
+def test_a_rasterizer_with_a_rule_of_its_own_is_taken_only_where_it_is_named(monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    found = settings(registry_of(Surfels()))
+    assert found.choices["rasterizer"].name == "fast"
+    assert found.config.device == "cpu"
+    named = settings(registry_of(Surfels()), rasterizer="surfels")
+    assert named.config.device == "cuda"
 
 
 def test_without_a_gpu_the_device_is_the_cpu_and_nothing_is_said_of_gpus():

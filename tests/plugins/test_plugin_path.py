@@ -130,3 +130,25 @@ def test_a_run_records_the_place_and_names_it_where_it_is_missing(tmp_path):
         f"{tmp_path}/mine.py.\n"
         f"Name the place where it is now: GSFW_PLUGIN_PATH={tmp_path}/mine.py"
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ('project="x"', "in pyproject.toml, project is 'x': expected a table"),
+        ("[project]\nentry-points=3", "in pyproject.toml, project.entry-points is 3: expected a"),
+        (
+            '[project.entry-points]\ngsfw="x"',
+            "in pyproject.toml, project.entry-points.gsfw is 'x': expected a table",
+        ),
+        ("[project.entry-points.gsfw]\nmine=3", "in pyproject.toml, entry point 'mine' is 3: exp"),
+    ],
+)
+def test_a_project_file_of_another_form_is_named_and_breaks_nothing(
+    plugin_path, tmp_path, text, reason
+):
+    (tmp_path / "pyproject.toml").write_text(text)
+    plugin_path(tmp_path)
+    assert installed().slot("method")
+    (said,) = reasons()
+    assert reason in said

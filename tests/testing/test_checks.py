@@ -8,6 +8,7 @@ import pytest
 from support.broken_parts import Plugin
 
 from gsfw.core.errors import ConfigError
+from gsfw.formats.ply import PlyExporter
 from gsfw.plugins.registry import SLOTS
 from gsfw.testing import (
     ConformanceError,
@@ -127,3 +128,14 @@ def test_a_model_that_cannot_be_densified_renders_from_its_model_file(monkeypatc
     subject = find_subject("method", "blobs", plugin="prototype_method")
     names = ("model-file-renders-the-same", "learns")
     assert {outcome.verdict for outcome in outcomes(subject, names)} == {Verdict.KEPT}
+
+
+def test_an_exporter_that_needs_more_than_the_kit_has_breaks_no_promise(monkeypatch):
+    def refuse(self, path, source):
+        raise ValueError("the splats have no features.")
+
+    monkeypatch.setattr(PlyExporter, "write", refuse)
+    found = {item.promise.name: item for item in outcomes(find_subject("exporter", "ply"))}
+    for name in ("writes-what-it-holds", "round-trips", "writes-the-world"):
+        assert found[name].verdict is Verdict.NOT_APPLICABLE
+        assert found[name].happened.endswith("the splats have no features.")
