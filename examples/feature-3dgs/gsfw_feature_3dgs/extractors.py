@@ -49,7 +49,7 @@ TERMS = {
 MEMBERS = ("channels", "features", "words")
 SYNONYMS = {"grey": "gray", "dark": "black", "bright": "white", "violet": "purple"}
 SHARPNESS = 40.0
-"""Factor of the softmax over negative squared distances of opponent colours; neighbours share 0.2."""
+"""Factor of negative squared distances of opponent colours in the softmax; neighbours share 0.2."""
 
 
 class ColorTerms:

@@ -33,7 +33,7 @@ class MipSplattingConfig(StaticGaussiansConfig):
     variance_2d: float = number(0.1, above=0)
     """Variance of the 2D Mip filter in pixels squared (the paper's); 3dgs has 0.3."""
     variance_3d: float = number(0.2, at_least=0)
-    """Variance of the 3D filter in squared sampling intervals (s of the 3D smoothing filter); 0: no filter."""
+    """Variance of the 3D filter in squared sampling intervals (s in the README); 0: no filter."""
     filter_every: int = steps_field(100, at_least=1, floor=10)
     """Steps between updates of the 3D filter, which is also updated after each edit of rows."""
 
