@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from gsfw.core.exchange import Exporter, Holds
     from gsfw.core.splats import Splats
     from gsfw.plugins.compose import Composition
+    from gsfw.plugins.registry import Registry
     from gsfw.plugins.restore import Restored
     from gsfw.plugins.snapshot import Snapshot
 
 ALL = "all"
+PLY = "ply"
 TOO_COARSE = 0.1
 """Rounding of positions, relative to the median splat, above which a note warns."""
 
@@ -38,9 +40,9 @@ class ExportOptions(RunOptions):
         "gsfw export runs/moving format=tracks times=all",
     )
 
-    format: str = "ply"
+    format: str = ""
     """Format of the file: ply, gsfw (the whole model, rendered anywhere without its data set),
-    or another of the exporters that gsfw plugins lists."""
+    or another of the exporters that gsfw plugins lists. Empty: by the suffix of out, or ply."""
     out: str = ""
     """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; the folder
     splats in it for a sequence."""
@@ -72,6 +74,7 @@ def run(arguments: list[str]) -> int:
 
     _check(options)
     registry = installed()
+    options = replace(options, format=_format(options, registry))
     exporter: Exporter = load("exporter", registry.find("exporter", options.format))()
     console = Console(options.json)
     found = find_run(options.run, console.say)
@@ -103,6 +106,29 @@ def _check(options: ExportOptions) -> None:
         raise ConfigError(f"keep={options.keep:g}: expected a part above 0, and at most 1.")
     if options.sh_degree is not None and options.sh_degree < 0:
         raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
+
+
+def _format(options: ExportOptions, registry: Registry) -> str:
+    """The format that is given, or else the first one that writes files with the suffix of out.
+
+    Raises:
+        ConfigError: no exporter writes such files.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.plugins.loading import load_all
+
+    suffix = Path(options.out).suffix.lower()
+    if options.format or options.times or not suffix or Path(options.out).is_dir():
+        return options.format or PLY
+    kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
+    named = [name for name, kind in kinds.items() if kind.suffix == suffix]
+    if not named:
+        known = ", ".join(dict.fromkeys(kind.suffix for kind in kinds.values()))
+        raise ConfigError(
+            f"out={options.out}: no exporter writes files that end in {suffix!r}.",
+            f"Suffixes that can be written: {known}. Or give the format: format={PLY}",
+        )
+    return PLY if PLY in named else named[0]
 
 
 def _check_fit(options: ExportOptions, holds: Holds) -> None:

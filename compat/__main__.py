@@ -41,7 +41,7 @@ def arguments() -> argparse.Namespace:
         help="what GaussianRasterizer returns besides colour and radii, for forks",
     )
     parser.add_argument(
-        "--always", action="store_true", help="replace modules that are installed, too"
+        "--always", action="store_true", help="replace modules that work on the GPU, too"
     )
     parser.add_argument("script", type=Path, help="the script, such as train.py")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, help="of the script")
@@ -74,13 +74,14 @@ def run(script: Path, always: bool) -> int:
     from gsfw.compat.cuda_on_cpu import CudaOnCpu
     from gsfw.compat.replacement import replace_modules
 
-    done = replace_modules(always)
     gpu = torch.cuda.is_available()
+    done = replace_modules(always, gpu)
     notes = [f"{', '.join(done.replaced) or 'nothing'} replaced"]
     notes += (
         [f"{', '.join(done.kept)} kept as installed (--always replaces it)"] if done.kept else []
     )
-    notes += [] if gpu else ["cuda means cpu"]
+    if not gpu:
+        notes += ["there is no GPU, so installed ones are replaced too", "cuda means cpu"]
     notes.append(f"rasterizer {os.environ.get('GSFW_RASTERIZER', 'auto')}")
     _say(f"gsfw.compat: {'; '.join(notes)}.")
     try:

@@ -38,11 +38,13 @@ def rasterizer_for(
         ConfigError: there is none of this name, or it cannot do what is asked for; says which can.
     """
     name = _chosen[0] if _chosen else os.environ.get(ENVIRONMENT, "auto")
-    return _opened(name, device.type, features, profile.name)
+    return _opened(name, device, features, profile.name)
 
 
 @lru_cache
-def _opened(name: str, device: str, features: frozenset[Feature], profile: str) -> Rasterizer:
+def _opened(
+    name: str, device: torch.device, features: frozenset[Feature], profile: str
+) -> Rasterizer:
     needs = Needs(
         camera_models=frozenset({CameraModel.ORTHOGRAPHIC}),
         # Flat splats have no volume: the last one rules out rasterizers that do not project.

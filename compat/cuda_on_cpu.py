@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -13,6 +14,8 @@ import torch
 from torch.overrides import TorchFunctionMode
 
 CPU = torch.device("cpu")
+ASSUMED_MEMORY = 8 << 30
+"""Bytes that a machine is said to have if its system does not tell."""
 
 
 class CudaOnCpu(TorchFunctionMode):
@@ -117,13 +120,50 @@ def _zero(*_: object, **__: object) -> int:
 
 
 def _memory(*_: object) -> tuple[int, int]:
-    """Free and total memory of the machine, in bytes."""
-    page = os.sysconf("SC_PAGE_SIZE")
-    return page * os.sysconf("SC_AVPHYS_PAGES"), page * os.sysconf("SC_PHYS_PAGES")
+    """Free and total memory of the machine, in bytes; assumed where the system does not say."""
+    total = _bytes("SC_PHYS_PAGES") or ASSUMED_MEMORY
+    return _bytes("SC_AVPHYS_PAGES") or total, total
+
+
+def _bytes(pages: str) -> int:
+    """A number of pages in bytes; 0 on Windows, and for free pages on macOS."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf(pages)
+    except (AttributeError, OSError, ValueError):
+        return 0
 
 
 def _name(*_: object) -> str:
     return "cpu"
+
+
+@dataclass(frozen=True)
+class Properties:
+    """The machine, as torch.cuda.get_device_properties: the fields that scripts read."""
+
+    name: str
+    total_memory: int
+    multi_processor_count: int
+    major: int = 0
+    minor: int = 0
+
+
+def _properties(*_: object) -> Properties:
+    return Properties(_name(), _memory()[1], os.cpu_count() or 1)
+
+
+def _capability(*_: object) -> tuple[int, int]:
+    """Compute capability 0.0: that of no GPU."""
+    return 0, 0
+
+
+def _random_state(*_: object) -> torch.Tensor:
+    """The state of the CPU's generator, which draws all numbers here."""
+    return torch.get_rng_state()
+
+
+def _set_random_state(new_state: torch.Tensor, *_: object) -> None:
+    torch.set_rng_state(new_state)
 
 
 class Generator(torch.Generator):
@@ -142,10 +182,10 @@ def _default_on_cpu(device: Any) -> None:  # noqa: ANN401
     _set_default_device(_on_cpu(device))
 
 
-def _load_on_cpu(file: Any, map_location: Any = None, *rest: Any, **named: Any) -> Any:  # noqa: ANN401
+def _load_on_cpu(f: Any, map_location: Any = None, *rest: Any, **named: Any) -> Any:  # noqa: ANN401
     """torch.load with the tensors of a GPU on the CPU."""
     place = CPU if map_location is None else _on_cpu(map_location)
-    return _load(file, place, *rest, **named)
+    return _load(f, place, *rest, **named)
 
 
 PATCHES: tuple[tuple[Any, str, Any], ...] = (
@@ -159,6 +199,11 @@ PATCHES: tuple[tuple[Any, str, Any], ...] = (
     (torch.cuda, "set_device", _nothing),
     (torch.cuda, "current_device", _zero),
     (torch.cuda, "get_device_name", _name),
+    (torch.cuda, "get_device_properties", _properties),
+    (torch.cuda, "get_device_capability", _capability),
+    # Random numbers: those of the CPU.
+    (torch.cuda, "get_rng_state", _random_state),
+    (torch.cuda, "set_rng_state", _set_random_state),
     # Memory: nothing is on a GPU.
     *(
         (torch.cuda, name, _nothing)

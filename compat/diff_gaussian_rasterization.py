@@ -99,7 +99,7 @@ class GaussianRasterizer(nn.Module):
     def forward(
         self,
         means3D: Float[Tensor, "n 3"],
-        means2D: Float[Tensor, "n _"],
+        means2D: Float[Tensor, "n _"] | None,
         opacities: Float[Tensor, "n 1"],
         shs: Float[Tensor, "n k 3"] | None = None,
         colors_precomp: Float[Tensor, "n d"] | None = None,
@@ -134,7 +134,8 @@ class GaussianRasterizer(nn.Module):
         gaussians = InriaGaussians(
             means3D, opacities, shs, colors_precomp, scales, rotations, cov3D_precomp
         )
-        _check(gaussians, means2D)
+        _check(gaussians, means2D, settings.sh_degree)
+        assert means2D is not None, "it was checked"
         return _render(settings, gaussians, means2D, means2D_densify)
 
 
@@ -198,14 +199,24 @@ class _AbsoluteGradient(torch.autograd.Function):
         return whole, None
 
 
-def _check(gaussians: InriaGaussians, means2D: Tensor) -> None:
+def _check(gaussians: InriaGaussians, means2D: Tensor | None, degree: int) -> None:
     """Check for the original's combinations.
 
     Raises:
         ValueError: there is another.
     """
+    if means2D is None:
+        raise ValueError(
+            f"{RASTERIZER}: expected means2D of shape [n, 3], found None. Pass "
+            "torch.zeros_like(means3D); with requires_grad it receives the gradient."
+        )
     if (gaussians.shs is None) == (gaussians.colors is None):
         raise ValueError(f"{RASTERIZER}: give either shs or colors_precomp.")
+    if gaussians.shs is not None and (degree + 1) ** 2 > gaussians.shs.shape[1]:
+        raise ValueError(
+            f"{SETTINGS}: sh_degree={degree} has {(degree + 1) ** 2} coefficients, but shs has "
+            f"{gaussians.shs.shape[1]} (shape {list(gaussians.shs.shape)}). Lower sh_degree."
+        )
     axes = (gaussians.scales is not None, gaussians.rotations is not None)
     if axes[0] != axes[1] or axes[0] == (gaussians.covariances is not None):
         raise ValueError(f"{RASTERIZER}: give either scales and rotations, or cov3D_precomp.")

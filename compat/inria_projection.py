@@ -20,7 +20,8 @@ from gsfw.compat.screen import (
 )
 
 NEAR = 0.2
-"""Splats of this view depth or less are not rendered (auxiliary.h, in_frustum)."""
+"""Splats of this view depth or less are not rendered. As the other constants here, a convention
+of diff-gaussian-rasterization that the paper does not state."""
 CLIP_EPSILON = 1e-7
 """Added to the divisor of the perspective projection."""
 SLOPE_LIMIT = 1.3

@@ -21,34 +21,40 @@ class Replacement:
 
     replaced: tuple[str, ...]
     kept: tuple[str, ...]
-    """Packages that are installed and can be imported."""
+    """Packages that are installed and work on the GPU."""
 
 
-def replace_modules(always: bool) -> Replacement:
+def replace_modules(always: bool, gpu: bool) -> Replacement:
     """Put the interfaces of this package where scripts import those of other projects.
 
+    Of an installed gsplat only ``rasterization`` is replaced, so that its strategies and
+    optimizers stay.
+
     Args:
-        always: also where the original can be imported. Of an installed gsplat only
-            ``rasterization`` is replaced, so that its strategies and optimizers stay.
+        always: also where the original can be imported.
+        gpu: there is one. Without it everything is replaced: some originals can be imported, and
+            fail at the first image.
     """
-    there = {name for name in MODULES if _importable(name)}
-    replaced = [name for name in MODULES if always or name not in there]
+    kept = [] if always or not gpu else [name for name in MODULES if _importable(name)]
+    replaced = [name for name in MODULES if name not in kept]
     for name in replaced:
-        if name == "gsplat" and name in there:
+        if name == "gsplat" and _importable(name):
             _replace_rasterization()
         else:
             _replace(name)
-    return Replacement(tuple(replaced), tuple(name for name in MODULES if name not in replaced))
+    return Replacement(tuple(replaced), tuple(kept))
 
 
 def _importable(name: str) -> bool:
     """True if the original is installed for this machine; CUDA extensions may not load."""
+    # simple_knn is a folder without __init__.py: the modules that scripts use decide.
+    used = [f"{name}.{inside}" for inside in MODULES[name] if inside] or [name]
     try:
-        found = import_module(name)
+        found = [import_module(module) for module in used]
     except (ImportError, OSError):
         return False
     # A checkout's folder of submodules can pass for an empty package.
-    return getattr(found, "__file__", None) is not None
+    return all(getattr(module, "__file__", None) is not None for module in found)
 
 
 def _replace(name: str) -> None:

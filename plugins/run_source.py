@@ -77,7 +77,8 @@ class RunSource(ExportSource):
         times = self.times
         if len(times) < 2:
             raise ConfigError(
-                f"tracks of {len(times)} time: expected at least 2.", "Give times=all or times=50."
+                f"tracks at {len(times)} times: expected at least 2.",
+                "Paths need a moving model: gsfw export RUN format=tracks times=50",
             )
         parts, scene = self.restored.composition.parts, self.restored.composition.scene
         tracks = follow(parts.model, times)

@@ -196,6 +196,8 @@ def test_wrong_files_are_refused_with_the_remedy(splat_file, tmp_path):
         load(tmp_path / "splats.pyl")
     with pytest.raises(ConfigError, match=r"no exporter writes files that end in '.obj'"):
         load(splat_file).save(tmp_path / "mesh.obj")
+    with pytest.raises(ConfigError, match="Paths need a moving model"):
+        load(splat_file).save(tmp_path / "paths.npz")
     with pytest.raises(ConfigError, match=r"antialias is a model's own setting"):
         render(load(splat_file), load(splat_file).cameras()[0], antialias=True)
 

@@ -100,6 +100,25 @@ def test_an_unknown_format_names_those_there_are(run, capsys):
     assert not RunFolder(run).splats.exists()
 
 
+@pytest.mark.parametrize("name", ["m.gsfw", "M.PLY"])
+def test_the_suffix_of_the_file_chooses_the_format_as_in_model_save(run, tmp_path, name):
+    out = tmp_path / name
+    assert main(["export", str(run), f"out={out}"]) == 0
+    assert out.read_bytes().startswith(b"ply\n") == name.endswith("PLY")
+
+
+def test_a_suffix_that_nothing_writes_is_refused_unless_the_format_is_given(run, tmp_path, capsys):
+    out = tmp_path / "splats.spz"
+    assert main(["export", str(run), f"out={out}"]) == 2
+    assert capsys.readouterr().err == (
+        f"error: out={out}: no exporter writes files that end in '.spz'.\n"
+        "Suffixes that can be written: .gsfw, .ply, .npz. Or give the format: format=ply\n"
+    )
+    assert not out.exists()
+    assert main(["export", str(run), f"out={out}", "format=ply"]) == 0
+    assert out.read_bytes().startswith(b"ply\n")
+
+
 def test_a_time_out_of_range_is_refused(run, capsys):
     assert main(["export", str(run), "time=2"]) == 2
     assert "time=2: expected a time in [0, 1]." in capsys.readouterr().err

@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from gsfw.compat import cuda_on_cpu
 from gsfw.compat.cuda_on_cpu import CudaOnCpu
 
 pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU to name")
@@ -19,6 +20,7 @@ def test_tensors_that_are_asked_for_on_cuda_are_on_the_cpu(tmp_path):
             torch.cuda.FloatTensor(2).fill_(0),
             torch.rand(2, generator=torch.Generator(device="cuda"), device="cuda"),
             torch.load(tmp_path / "tensor.pt", map_location="cuda:0"),
+            torch.load(f=tmp_path / "tensor.pt", map_location="cuda:0"),
             torch.nn.Linear(2, 2).cuda().weight,
             torch.ones(2).to(torch.device("cuda:0"), torch.float64),
         ]
@@ -52,3 +54,19 @@ def test_a_default_device_of_cuda_is_the_cpu():
             assert torch.zeros(2).device.type == "cpu"
     finally:
         torch.set_default_device(None)
+
+
+def test_a_device_has_properties_and_its_random_state_is_that_of_the_cpu():
+    with CudaOnCpu():
+        found = torch.cuda.get_device_properties("cuda:0")
+        assert (found.name, found.total_memory) == ("cpu", torch.cuda.mem_get_info()[1])
+        assert torch.cuda.get_device_capability(0) == (found.major, found.minor)
+        state = torch.cuda.get_rng_state("cuda")
+        first = torch.rand(3, device="cuda")
+        torch.cuda.set_rng_state(state)
+        assert torch.equal(first, torch.rand(3, device="cuda"))
+
+
+def test_memory_has_a_figure_where_the_system_does_not_tell(monkeypatch):
+    monkeypatch.delattr(cuda_on_cpu.os, "sysconf")
+    assert cuda_on_cpu._memory() == (cuda_on_cpu.ASSUMED_MEMORY,) * 2

@@ -5,6 +5,7 @@ import torch
 from support import inria_formulas as original
 from torch import Tensor
 
+from gsfw.api import NumericsProfile, open_rasterizer
 from gsfw.compat import backend
 from gsfw.compat.diff_gaussian_rasterization import (
     GaussianRasterizationSettings,
@@ -226,6 +227,22 @@ def test_any_rasterizer_can_be_chosen(scene, settings, monkeypatch):
         rendered(scene, settings)
 
 
+def test_each_gpu_has_a_rasterizer_of_its_own(monkeypatch):
+    opened = []
+
+    def noted(name, device, needs):
+        opened.append(device)
+        return open_rasterizer("reference")
+
+    monkeypatch.setattr(backend, "open_rasterizer", noted)
+    backend._opened.cache_clear()
+    for index in (0, 1, 0):
+        device = torch.device("cuda", index)
+        backend.rasterizer_for(device, frozenset(), NumericsProfile())
+    backend._opened.cache_clear()
+    assert opened == [torch.device("cuda", 0), torch.device("cuda", 1)]
+
+
 def test_arguments_of_forks_are_refused_by_name(scene, settings):
     fields = settings._asdict()
     with pytest.raises(UnservedArgument, match="does not serve kernel_size"):
@@ -240,6 +257,10 @@ def test_arguments_of_forks_are_refused_by_name(scene, settings):
         )
     with pytest.raises(ValueError, match="means2D_densify"):
         rendered(scene, settings, means2D=torch.zeros(8, 4))
+    with pytest.raises(ValueError, match=r"means2D of shape \[n, 3\], found None"):
+        rendered(scene, settings, means2D=None)
+    with pytest.raises(ValueError, match="sh_degree=2 has 9 coefficients, but shs has 4"):
+        rendered(scene, settings._replace(sh_degree=2))
 
 
 def test_debug_names_values_that_cannot_be_rendered(scene, settings):

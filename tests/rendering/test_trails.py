@@ -158,5 +158,6 @@ def test_paths_are_exported_in_the_world_of_the_data(moving_run, tmp_path, capsy
 def test_paths_take_two_times(moving_run, capsys):
     assert main(["export", str(moving_run), "format=tracks", "times=1"]) == 2
     assert capsys.readouterr().err == (
-        "error: tracks of 1 time: expected at least 2.\nGive times=all or times=50.\n"
+        "error: tracks at 1 times: expected at least 2.\n"
+        "Paths need a moving model: gsfw export RUN format=tracks times=50\n"
     )

@@ -1,6 +1,10 @@
 """The formulas of diff-gaussian-rasterization in plain torch, pixel by pixel and splat by splat.
 
-Written from the equations of its kernels (forward.cu, backward.cu), as a reference in float64.
+A reference in float64. Equations: projection and blending after Zwicker et al. 2001, "EWA
+Splatting", and Kerbl et al. 2023, "3D Gaussian Splatting"; compensation of the dilation after Yu et
+al. 2024, "Mip-Splatting". Constants (0.3, 1.3, 0.1, 0.000025, 1e-7) and the places of pixel centres
+are no part of the papers: they are conventions of diff-gaussian-rasterization. Its names of
+functions say which of them a function here has to agree with.
 """
 
 from dataclasses import dataclass

@@ -41,11 +41,11 @@ class SurfelsConfig(StaticGaussiansConfig):
     """2D Gaussian Splatting (after Huang et al. 2024)."""
 
     distortion_weight: float = number(100.0, at_least=0)
-    """Weight of the depth distortion (equation 13; 100 for unbounded scenes in the paper)."""
+    """Weight of the depth distortion (the paper: 100 for unbounded scenes)."""
     distortion_start: int = steps_field(3000)
     """Steps before depth distortion is in the loss."""
     normal_weight: float = number(0.05, at_least=0)
-    """Weight of the consistency of normals and depth (equation 14)."""
+    """Weight of the consistency of normals and depth."""
     normal_start: int = steps_field(7000)
     """Steps before the consistency is in the loss."""
 

@@ -59,7 +59,7 @@ def pixel_directions(camera, like):
 
 
 class Surface:
-    """What one rendered image says of the surface; all in the axes of its camera."""
+    """The surface in one rendered image; all in the axes of its camera."""
 
     def __init__(self, rendered, camera):
         self.alpha = rendered.alpha[0]

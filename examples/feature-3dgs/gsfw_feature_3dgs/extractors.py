@@ -16,10 +16,10 @@ from gsfw.api import ConfigError
 
 
 class Extractor(Protocol):
-    """Constructed without arguments."""
+    """Constructed without arguments, at the first image or word."""
 
     channels: int
-    """Channels of a feature."""
+    """Channels of a feature; of the class, so that a run is opened without constructing it."""
 
     def features(self, images: torch.Tensor) -> torch.Tensor:
         """Feature maps [c, h2, w2, channels] of images [c, h, w, 3] in [0, 1], at any size."""
@@ -46,13 +46,14 @@ TERMS = {
     "brown": (0.45, 0.3, 0.18),
 }
 """The eleven basic colour terms (Berlin and Kay 1969), each with an RGB colour of our choice."""
+MEMBERS = ("channels", "features", "words")
 SYNONYMS = {"grey": "gray", "dark": "black", "bright": "white", "violet": "purple"}
 SHARPNESS = 40.0
-"""Of the softmax over negative squared distances of opponent colours; neighbours share 0.2."""
+"""Factor of negative squared distances of opponent colours in the softmax; neighbours share 0.2."""
 
 
 class ColorTerms:
-    """How well each colour term describes a pixel: a softmax over distances of opponent colours."""
+    """The share of each colour term in a pixel: a softmax over distances of opponent colours."""
 
     channels = len(TERMS)
 
@@ -82,15 +83,25 @@ def opponent(colors):
     return torch.stack([0.5 * lightness, red - green, 0.5 * (red + green) - blue], dim=-1)
 
 
-def load_extractor(name: str) -> Extractor:
-    """The built-in extractor, or that of package.module:Name."""
+def find_extractor(name: str) -> type[Extractor]:
+    """The class of the built-in extractor, or that of package.module:Name.
+
+    It is not constructed: names come from the settings of runs and model files, also of others'.
+
+    Raises:
+        ConfigError: there is none, or it has not the members of an extractor.
+    """
     if name == "colors":
-        return ColorTerms()
+        return ColorTerms
     module, colon, attribute = name.partition(":")
     try:
         if not colon:
             raise ImportError("expected colors, or package.module:Name")
-        return getattr(import_module(module), attribute)()
+        found = getattr(import_module(module), attribute)
+        missing = [member for member in MEMBERS if not hasattr(found, member)]
+        if missing or not isinstance(found, type):
+            raise AttributeError(f"it is no class with {', '.join(missing or MEMBERS)}")
+        return found
     except (ImportError, AttributeError) as error:
         raise ConfigError(
             f"extractor={name}: {error}.",

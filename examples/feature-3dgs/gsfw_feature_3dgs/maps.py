@@ -31,9 +31,9 @@ def run(arguments: list[str]) -> int:
     from PIL import Image
 
     from gsfw.api import Console
-    from gsfw_feature_3dgs.extractors import load_extractor
+    from gsfw_feature_3dgs.extractors import find_extractor
 
-    console, extractor = Console(options.json), load_extractor(options.extractor)
+    console, extractor = Console(options.json), find_extractor(options.extractor)()
     folder, out = Path(options.images), Path(options.out or "features")
     files = sorted(file for file in folder.glob("*") if file.suffix.lower() in SUFFIXES)
     if not options.images or not files:

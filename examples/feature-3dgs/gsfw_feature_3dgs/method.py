@@ -8,6 +8,7 @@ one linear layer (their speed-up module, a 1x1 convolution).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch.nn.functional import cosine_similarity, interpolate
@@ -23,7 +24,7 @@ from gsfw.api import (
     StaticGaussiansMethod,
     number,
 )
-from gsfw_feature_3dgs.extractors import load_extractor
+from gsfw_feature_3dgs.extractors import find_extractor
 from gsfw_feature_3dgs.images import heat, principal_colors
 
 MAP = "features"
@@ -91,15 +92,20 @@ class FeatureMethod(StaticGaussiansMethod):
 
     def __init__(self, config):
         super().__init__(config)
-        self.extractor = load_extractor(config.extractor)
         self.extracted: dict[tuple[int, ...], torch.Tensor] = {}
+
+    @cached_property
+    def extractor(self):
+        """The extractor, constructed at the first image or word: never to open or export a run."""
+        return find_extractor(self.config.extractor)()
 
     def extra_columns(self, scene, count):
         values = scene.points.new_zeros(count, self.config.width)
         return {"features": Column(values, LearningRate(self.config.features_lr))}
 
     def begin(self, scene, views, model):
-        channels, width = views.maps.get(MAP, self.extractor.channels), self.config.width
+        width = self.config.width
+        channels = views.maps.get(MAP) or find_extractor(self.config.extractor).channels
         self.model = model
         if channels < width:
             column = model.extra["features"]
@@ -154,7 +160,7 @@ class FeatureMethod(StaticGaussiansMethod):
         return found
 
     def relevance(self, rendered, vector):
-        """How much each pixel of the first image resembles a feature: [h, w] in [0, 1]."""
+        """Resemblance of each pixel of the first image to a feature: [h, w] in [0, 1]."""
         found = self.model.decoded(rendered.extra[0])
         similar = cosine_similarity(found, vector.to(found), dim=-1)
         return similar.clamp(0, 1) * rendered.alpha[0, ..., 0]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from gsfw_feature_3dgs.export import Npz
-from gsfw_feature_3dgs.extractors import ColorTerms, load_extractor
+from gsfw_feature_3dgs.extractors import ColorTerms, find_extractor
 from gsfw_feature_3dgs.images import heat
 from gsfw_feature_3dgs.maps import run as run_features
 from PIL import Image
@@ -58,6 +59,13 @@ class Unused(ColorTerms):
         raise AssertionError("the data has feature maps")
 
 
+class Unopened(ColorTerms):
+    """A class that a foreign file may name, and that must not be constructed."""
+
+    def __init__(self):
+        raise AssertionError("it was constructed")
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("feature") / "run"
@@ -83,6 +91,18 @@ def test_the_export_has_a_feature_for_each_gaussian(run, tmp_path):
     gsfw("export", str(run[0]), "format=features", f"out={tmp_path / 'all.npz'}")
     stored = np.load(tmp_path / "all.npz")
     assert stored["features"].shape == (len(stored["means"]), 11)
+
+
+def test_a_file_is_opened_and_exported_without_constructing_what_its_settings_name(run, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(run[0], copy)
+    for file in copy.glob("*.y*ml"):
+        text = file.read_text(encoding="utf-8")
+        changed = text.replace("extractor: colors", "extractor: test_feature_3dgs:Unopened")
+        file.write_text(changed, encoding="utf-8")
+    gsfw("export", str(copy), "format=gsfw", f"out={tmp_path / 'model.gsfw'}")
+    assert b"test_feature_3dgs:Unopened" in (tmp_path / "model.gsfw").read_bytes()
+    gsfw("export", str(tmp_path / "model.gsfw"), f"out={tmp_path / 'splats.ply'}")
 
 
 def test_maps_with_more_channels_are_decoded_also_from_a_model_file(tmp_path):
@@ -148,7 +168,9 @@ def test_unknown_words_and_extractors_are_named():
     with pytest.raises(ConfigError, match="'chair'"):
         ColorTerms().words("chair")
     with pytest.raises(ConfigError, match="no_such_module"):
-        load_extractor("no_such_module:Clip")
+        find_extractor("no_such_module:Clip")
+    with pytest.raises(ConfigError, match="no class with channels, features, words"):
+        find_extractor("pathlib:Path")
 
 
 def test_heat_rises_from_the_first_to_the_last_stop():

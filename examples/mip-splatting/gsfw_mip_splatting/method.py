@@ -1,6 +1,6 @@
 """Method mip-splatting: 3dgs with the 3D smoothing filter and the 2D Mip filter.
 
-Yu et al. 2024, "Mip-Splatting: Alias-free 3D Gaussian Splatting". Equation numbers are theirs.
+Yu et al. 2024, "Mip-Splatting: Alias-free 3D Gaussian Splatting".
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class MipSplattingConfig(StaticGaussiansConfig):
     variance_2d: float = number(0.1, above=0)
     """Variance of the 2D Mip filter in pixels squared (the paper's); 3dgs has 0.3."""
     variance_3d: float = number(0.2, at_least=0)
-    """Variance of the 3D filter in squared sampling intervals (s of equation 9); 0: no filter."""
+    """Variance of the 3D filter in squared sampling intervals (s in the README); 0: no filter."""
     filter_every: int = steps_field(100, at_least=1, floor=10)
     """Steps between updates of the 3D filter, which is also updated after each edit of rows."""
 
@@ -50,7 +50,7 @@ class SmoothedGaussians(StaticGaussians):
         return replace(plain, scales=scales, opacities=plain.opacities * factors)
 
     def _smoothed(self):
-        """Scales and opacity factors after the 3D filter (equation 9)."""
+        """Scales and opacity factors after the 3D smoothing filter."""
         scales = self.log_scales.values.exp()
         deviations = self.extra["filter"].values[:, None]
         wider = (scales.square() + deviations.square()).sqrt()

@@ -13,7 +13,7 @@ MARGIN = 0.15
 
 
 class SamplingRates:
-    """The maximal sampling rate of points over all training cameras (equation 7)."""
+    """The maximal sampling rate of points over all training cameras."""
 
     def __init__(self, cameras):
         self.cameras = [camera.to(dtype=torch.float32) for camera in cameras]

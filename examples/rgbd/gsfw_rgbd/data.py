@@ -7,6 +7,7 @@ undistorts, shrinks, masks and caches the depth maps with the images.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -61,7 +62,8 @@ class TumConfig(CaptureConfig):
         return Detection(found, DETECTED, LISTS[0] if found else "", priority=50)
 
     def recording(self, path: Path, downscale: float) -> Recording:
-        images, depths, poses = (read_list(path / name) for name in LISTS)
+        images, *others = (read_list(path / name) for name in LISTS)
+        depths, poses = ((list(rows), list(rows.values())) for rows in others)
         frames, lost = [], 0
         for time, (name, *_) in list(images.items())[:: self.every]:
             depth, pose = (self._nearest(rows, time) for rows in (depths, poses))
@@ -93,8 +95,13 @@ class TumConfig(CaptureConfig):
         )
 
     def _nearest(self, rows, time):
-        nearest = min(rows, key=lambda other: abs(other - time), default=None)
-        return None if nearest is None or abs(nearest - time) > self.longest_gap else rows[nearest]
+        """The row nearest in time; ``None`` if it is too far. ``rows`` ascend in time."""
+        times, found = rows
+        place = bisect_left(times, time)
+        near = range(max(place - 1, 0), min(place + 1, len(times)))
+        nearest = min(near, key=lambda index: abs(times[index] - time), default=None)
+        is_far = nearest is None or abs(times[nearest] - time) > self.longest_gap
+        return None if is_far else found[nearest]
 
     def _frame(self, path, name, depth, pose, split):
         header = read_header(path / name)
@@ -110,7 +117,7 @@ class TumConfig(CaptureConfig):
 
     def _lens(self, path):
         file = path / LENS_FILE
-        values = file.read_text().split() if file.is_file() else self.lens
+        values = file.read_text("utf-8").split() if file.is_file() else self.lens
         try:
             fx, fy, cx, cy = map(float, values)
         except ValueError:
@@ -120,13 +127,13 @@ class TumConfig(CaptureConfig):
 
 
 def read_list(file):
-    """The rest of each line after its time, by time; # begins a comment.
+    """The rest of each line after its time, by ascending time; # begins a comment.
 
     The lines of groundtruth.txt have seven numbers, those of the others the name of a file.
     """
     rows, is_poses = {}, file.name == LISTS[2]
     try:
-        lines = file.read_text().splitlines()
+        lines = file.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{file} cannot be read: {error}.", f"Expected {DETECTED}.") from error
     for place, line in enumerate(lines, start=1):
@@ -140,7 +147,7 @@ def read_list(file):
         except ValueError:
             expected = "a time and seven numbers" if is_poses else "a time and a file"
             raise DataError(f"{file}:{place}: expected {expected}, found {line!r}.") from None
-    return rows
+    return dict(sorted(rows.items()))
 
 
 def world_to_camera(pose, where):

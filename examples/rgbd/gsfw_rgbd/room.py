@@ -36,8 +36,9 @@ def write_room(folder, frames, width, noise):
         numbers = (*place, *_quaternion(axes))
         lists["groundtruth"].append(f"{time} {' '.join(f'{value:.9f}' for value in numbers)}")
     for name, lines in lists.items():
-        (folder / f"{name}.txt").write_text("\n".join(["# a synthetic room", *lines, ""]))
-    (folder / "intrinsics.txt").write_text(" ".join(map(str, lens)))
+        text = "\n".join(["# a synthetic room", *lines, ""])
+        (folder / f"{name}.txt").write_text(text, encoding="utf-8")
+    (folder / "intrinsics.txt").write_text(" ".join(map(str, lens)), encoding="utf-8")
 
 
 def _camera(share):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from gsfw_rgbd.data import TumConfig, world_to_camera
+from gsfw_rgbd.data import TumConfig, read_list, world_to_camera
 from gsfw_rgbd.method import flatness
 from gsfw_rgbd.room import write_room
 
@@ -66,6 +66,18 @@ def test_a_pose_leads_from_the_world_into_the_camera():
     half_turn = world_to_camera((1.0, 2.0, 3.0, 0.0, 0.0, 1.0, 0.0), "here")  # About z.
     point = torch.tensor([2.0, 2.0, 3.0, 1.0], dtype=torch.float64)
     assert torch.allclose(half_turn @ point, point.new_tensor([-1.0, 0.0, 0.0, 1.0]))
+
+
+def test_the_row_nearest_in_time_is_taken_whatever_the_order_of_the_lines(tmp_path):
+    times = [0.5, 0.1, 0.3, 0.31]
+    lines = [f"{time} {place}.png" for place, time in enumerate(times)]
+    (tmp_path / "depth.txt").write_text("\n".join(["# Tiefe, grün", *lines]), encoding="utf-8")
+    rows = read_list(tmp_path / "depth.txt")
+    assert list(rows) == sorted(times)
+    table, config = (list(rows), list(rows.values())), TumConfig(longest_gap=0.05)
+    found = [config._nearest(table, time) for time in (0.0, 0.06, 0.304, 0.306, 0.4, 0.5, 0.6)]
+    assert found == [None, ["1.png"], ["2.png"], ["3.png"], None, ["0.png"], None]
+    assert config._nearest(([], []), 0.1) is None
 
 
 def test_a_damaged_line_is_named(room, tmp_path):

@@ -4,7 +4,6 @@ python -m gsfw.compat inria_like.py STEPS
 """
 
 # ruff: noqa: T201
-import contextlib
 import math
 import sys
 
@@ -22,14 +21,14 @@ class Gaussians:
     """Points with an optimizer, cloned where viewspace gradients are large."""
 
     def __init__(self, points: torch.Tensor) -> None:
-        distances = torch.clamp_min(distCUDA2(points.float().cuda()), 1e-7)
-        count = len(points)
+        places, count = points.to("cuda"), len(points)
+        spacing = distCUDA2(places).clamp(min=1e-8).sqrt()
         self.parameters = {
-            "xyz": points.float().cuda(),
-            "features": torch.zeros((count, 4, 3), device="cuda"),
-            "scaling": torch.log(torch.sqrt(distances))[..., None].repeat(1, 3),
-            "rotation": torch.tensor([[1.0, 0, 0, 0]], device="cuda").repeat(count, 1),
-            "opacity": torch.zeros((count, 1), device="cuda"),
+            "xyz": places,
+            "features": torch.zeros(count, 4, 3, device="cuda"),
+            "scaling": spacing.log().unsqueeze(1).expand(count, 3).clone(),
+            "rotation": torch.eye(4, device="cuda")[:1].repeat(count, 1),
+            "opacity": torch.zeros(count, 1, device="cuda"),
         }
         self.train()
 
@@ -49,16 +48,18 @@ class Gaussians:
 
 
 def render(camera, gaussians: Gaussians, background: torch.Tensor) -> dict:
-    """Render as the original's gaussian_renderer does."""
+    """Render with all arguments named, as trainers of this kind do."""
     p = gaussians.parameters
-    points = torch.zeros_like(p["xyz"], requires_grad=True, device="cuda") + 0
-    with contextlib.suppress(RuntimeError):  # Where there are no gradients.
+    # Neither a leaf nor a part of the image: its gradient alone is of interest.
+    points = 0 * p["xyz"].detach().cuda().requires_grad_(torch.is_grad_enabled())
+    if points.requires_grad:
         points.retain_grad()
+    tangent = math.tan(camera.field / 2)
     settings = GaussianRasterizationSettings(
         image_height=camera.size,
         image_width=camera.size,
-        tanfovx=math.tan(camera.field * 0.5),
-        tanfovy=math.tan(camera.field * 0.5),
+        tanfovx=tangent,
+        tanfovy=tangent,
         bg=background,
         scale_modifier=1.0,
         viewmatrix=camera.world_view_transform.cuda(),
@@ -78,28 +79,29 @@ def render(camera, gaussians: Gaussians, background: torch.Tensor) -> dict:
         rotations=nn.functional.normalize(p["rotation"]),
         cov3D_precomp=None,
     )
-    return {"render": image, "viewspace_points": points, "seen": radii > 0, "radii": radii}
+    return {"image": image, "points": points, "seen": radii > 0}
 
 
 def main(steps: int) -> None:
     """Train, and print what came of it."""
     torch.manual_seed(0)
     gaussians = Gaussians(torch.rand(60, 3) * 2 - 1)
-    background = torch.tensor([0.0, 0.0, 0.0], dtype=torch.float32, device="cuda")
+    background = torch.zeros(3, device="cuda")
     start, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
     views = list(zip(cameras(), targets(), strict=True))
     start.record()
     for step in range(1, steps + 1):
         camera, target = views[step % len(views)]
         package = render(camera, gaussians, background)
-        image, truth = package["render"], target.cuda()
+        image, truth = package["image"], target.cuda()
         similar = fused_ssim(image[None], truth[None])
         loss = 0.8 * (image - truth).abs().mean() + 0.2 * (1 - similar)
         loss.backward()
         with torch.no_grad():
-            seen, gradient = package["seen"], package["viewspace_points"].grad
-            gaussians.accumulated[seen] += torch.norm(gradient[seen, :2], dim=-1, keepdim=True)
-            gaussians.seen[seen] += 1
+            seen, gradient = package["seen"], package["points"].grad
+            moved = gradient[:, :2].square().sum(1).sqrt()
+            gaussians.accumulated += (moved * seen)[:, None]
+            gaussians.seen += seen[:, None]
             gaussians.optimizer.step()
             gaussians.optimizer.zero_grad(set_to_none=True)
             if step % 20 == 0:
@@ -109,7 +111,7 @@ def main(steps: int) -> None:
     torch.cuda.synchronize()
     with torch.no_grad():
         errors = [
-            (render(camera, gaussians, background)["render"] - target).square().mean()
+            (render(camera, gaussians, background)["image"] - target).square().mean()
             for camera, target in views
         ]
     psnr = -10 * torch.stack(errors).mean().log10()
