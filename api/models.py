@@ -301,12 +301,7 @@ def render(
             cameras, time=time, background=background, depth=depth, rasterizer=rasterizer
         )
 
-    if not isinstance(source, Splats):
-        raise ConfigError(
-            f"source: expected a Model or Splats, found {type(source).__name__}.",
-            "gsfw.load(FILE) or run.model first; the cameras come second.",
-        )
-    check_tensors(source)
+    _check_source(source)
     if time is not None:
         raise ConfigError("render: splats are those of one time already.", "Leave out time.")
     means = source.means
@@ -319,6 +314,21 @@ def render(
     )
     backend = open_rasterizer(rasterizer, means.device, render_needs(source, batch, settings))
     return backend.render(source, batch, settings)
+
+
+def _check_source(source: object) -> None:
+    """Check what is to be rendered besides models.
+
+    Raises:
+        ConfigError: it is no splats.
+        ValueError: a field of the splats is no tensor; names it.
+    """
+    if not isinstance(source, Splats):
+        raise ConfigError(
+            f"source: expected a Model or Splats, found {type(source).__name__}.",
+            "gsfw.load(FILE) or run.model first; the cameras come second.",
+        )
+    check_tensors(source)
 
 
 def _check_choice(function: str, given: str, choices: Sequence[str]) -> None:
