@@ -137,11 +137,12 @@ def _a_stop_works(subject: Subject) -> None:
         summary["steps"] == STOP_AT and not summary["completed"] and not raised,
         f"a run that was stopped after step {STOP_AT} ends after {summary['steps']}"
         + (f", with {type(raised[0]).__name__}: {raised[0]}." if raised else "."),
-        _advice_after_a_stop(raised),
+        advice_after_a_stop(raised),
     )
 
 
-def _advice_after_a_stop(raised: list[BaseException]) -> str:
+def advice_after_a_stop(raised: list[BaseException]) -> str:
+    """The remedy for a run that did not stop as asked, by what the callback raised."""
     if not raised:
         return "Call control.request_stop only where the run is to end."
     if isinstance(raised[0], KeyError):

@@ -21,6 +21,7 @@ from gsfw.testing import (
     promises,
     subjects_named,
 )
+from gsfw.testing.callbacks import advice_after_a_stop
 
 pytestmark = pytest.mark.unchecked
 
@@ -98,6 +99,12 @@ def test_rows_that_are_wrong_from_the_start_are_told_apart_from_edits():
     (outcome,) = outcomes(subject, ("edits-keep-columns",))
     assert outcome.happened.startswith("before the first step, columns have different rows")
     assert "extra_columns" in outcome.change
+
+
+def test_the_remedy_for_a_stop_follows_what_was_raised():
+    assert "summary.get" in advice_after_a_stop([KeyError("psnr")])
+    assert "summary.get" not in advice_after_a_stop([ValueError("a shape")])
+    assert "request_stop" in advice_after_a_stop([])
 
 
 def test_a_check_by_name_returns_outcomes_or_names_all_that_is_broken():
