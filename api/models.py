@@ -21,6 +21,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.embedded_image import image_element
 from gsfw.core.errors import ConfigError, without_inner_frames
 from gsfw.core.exchange import Exporter, ExportSource, Holds
+from gsfw.core.input_checks import check_tensors
 from gsfw.core.maths.camera_path import at_times
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
@@ -29,13 +30,13 @@ from gsfw.formats.visible_splats import without_invisible
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load_all
 from gsfw.plugins.open_rasterizer import open_rasterizer, render_needs
-from gsfw.plugins.registry import installed
+from gsfw.plugins.registry import did_you_mean, installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.settings import COMMAND_LINE, Layer
 from gsfw.plugins.splat_run import inner_box
 from gsfw.rendering.camera_batches import by_time, in_frame, one_batch
-from gsfw.rendering.paths import FilmRule, paths
+from gsfw.rendering.paths import PATHS, FilmRule, paths
 
 __all__ = ["Model", "load", "render"]
 
@@ -107,7 +108,11 @@ class Model:
         """The cameras of the capture, one per view; float64 and on the CPU.
 
         Cameras of a splat file stand around it: 24 to train on, and one held out.
+
+        Raises:
+            ConfigError: there is no such split.
         """
+        _check_choice("cameras", split, [item.value for item in Split])
         views = self._composition.parts.data.views(Split(split))
         return tuple(self._in_world(camera) for camera in views.cameras)
 
@@ -131,8 +136,9 @@ class Model:
             time: of all frames, in [0, 1], of a dynamic model.
 
         Raises:
-            ConfigError: time is to pass in a static model.
+            ConfigError: time is to pass in a static model, or there is no such path.
         """
+        _check_choice("camera_path", what, PATHS)
         (path,) = paths(self._composition, what, FilmRule(frames, width=width, time=time))
         return self._in_world(path.cameras)
 
@@ -284,7 +290,8 @@ def render(
         rasterizer: name of a backend; auto for the fastest one that fits.
 
     Raises:
-        ConfigError: the cameras differ in size, or the rasterizer or background cannot be used.
+        ConfigError: the cameras differ in size, the rasterizer or background cannot be used, or the
+            source is neither.
         ValueError: a tensor has a wrong shape, type or value; names it.
     """
     if isinstance(source, Model):
@@ -294,6 +301,7 @@ def render(
             cameras, time=time, background=background, depth=depth, rasterizer=rasterizer
         )
 
+    _check_source(source)
     if time is not None:
         raise ConfigError("render: splats are those of one time already.", "Leave out time.")
     means = source.means
@@ -306,6 +314,34 @@ def render(
     )
     backend = open_rasterizer(rasterizer, means.device, render_needs(source, batch, settings))
     return backend.render(source, batch, settings)
+
+
+def _check_source(source: object) -> None:
+    """Check what is to be rendered besides models.
+
+    Raises:
+        ConfigError: it is no splats.
+        ValueError: a field of the splats is no tensor; names it.
+    """
+    if not isinstance(source, Splats):
+        raise ConfigError(
+            f"source: expected a Model or Splats, found {type(source).__name__}.",
+            "gsfw.load(FILE) or run.model first; the cameras come second.",
+        )
+    check_tensors(source)
+
+
+def _check_choice(function: str, given: str, choices: Sequence[str]) -> None:
+    """Check a name against its choices.
+
+    Raises:
+        ConfigError: it is none of them; lists them.
+    """
+    if given not in choices:
+        raise ConfigError(
+            f"{function}: no {given!r}.{did_you_mean(str(given), choices)}",
+            f"Choices: {', '.join(choices)}.",
+        )
 
 
 def _by_row(statistics: RenderStatistics, rows: Tensor, count: int) -> RenderStatistics:

@@ -12,6 +12,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+RIGID = 0.01
+"""Largest error of the products of a rotation's rows; a scale of 1.005 has it."""
+
 
 class CameraModel(Enum):
     """Projection model: maps directions to pixels."""
@@ -70,7 +73,7 @@ class Cameras:
             time: capture times in [0, 1], [c] or one number; ``None`` for a static scene.
 
         Raises:
-            ValueError: a shape is wrong; names it.
+            ValueError: a shape is wrong, or a transform is not rigid; names it.
         """
         poses = torch.as_tensor(world_to_camera)
         poses = poses if poses.is_floating_point() else poses.float()
@@ -88,6 +91,7 @@ class Cameras:
                 f"intrinsics: expected shape [3, 3] or [{len(poses)}, 3, 3], "
                 f"found {[*lenses.shape]}"
             )
+        _check_rigid(poses)
         times = None if time is None else torch.as_tensor(time).to(poses).expand(len(poses))
         return Cameras(poses, lenses.expand(len(poses), 3, 3), width, height, model, times)
 
@@ -185,3 +189,37 @@ class Cameras:
             elif any(present):
                 raise ValueError(f"some of the cameras have {field.name!r} and some do not")
         return replace(first, **joined)
+
+
+def _check_rigid(poses: Float[Tensor, "c 4 4"]) -> None:
+    """Check that transforms are rotations and translations.
+
+    ``RIGID`` admits text with three decimals, whose products of rows are wrong by 0.002. Half
+    precision rounds more coarsely.
+
+    Raises:
+        ValueError: one is not; names the first, and what it does instead.
+    """
+    found, tolerance = poses.detach().double(), max(RIGID, 16 * torch.finfo(poses.dtype).eps)
+    rotations = found[:, :3, :3]
+    axes = rotations @ rotations.transpose(1, 2)
+    unit = (axes - torch.eye(3).to(axes)).abs().flatten(1).amax(1) <= tolerance
+    last = (found[:, 3] - found.new_tensor([0, 0, 0, 1])).abs().amax(1) <= tolerance
+    kept = torch.linalg.det(rotations) > 0
+    wrong = (~(unit & last & kept)).nonzero()
+    if len(wrong) == 0:
+        return
+    at = int(wrong[0])
+    if not found[at].isfinite().all():
+        problem = "is not finite"
+    elif not last[at]:
+        problem = f"has the last row {found[at, 3].tolist()}; transpose it if it is column-major"
+    elif not unit[at]:
+        lengths = ", ".join(f"{length:.4g}" for length in rotations[at].norm(dim=1).tolist())
+        problem = f"scales or shears: the rows of its rotation have the lengths {lengths}"
+    else:
+        problem = (
+            "mirrors. Flip two axes, not one: camera-to-world matrices of OpenGL or Blender become "
+            "diag([1, -1, -1, 1]) @ inv(camera_to_world)"
+        )
+    raise ValueError(f"world_to_camera: expected rigid transforms; matrix {at} {problem}")

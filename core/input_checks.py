@@ -20,6 +20,7 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
     Raises:
         ValueError: an input is wrong; names the field, the expected and the found value.
     """
+    check_tensors(splats)
     has_axes = splats.quats is not None and splats.scales is not None
     if has_axes == (splats.covariances is not None) or (splats.quats is None) != (
         splats.scales is None
@@ -49,6 +50,20 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
         if tensor.device != splats.means.device:
             raise ValueError(
                 f"{name}: expected device {splats.means.device}, found {tensor.device}"
+            )
+
+
+def check_tensors(splats: Splats) -> None:
+    """Check that all fields are tensors.
+
+    Raises:
+        ValueError: one is of another type; names it.
+    """
+    for name, value in splats.tensors().items():
+        if not isinstance(value, Tensor):
+            raise ValueError(
+                f"splats.{name}: expected a torch tensor, found {type(value).__name__}; "
+                "torch.as_tensor makes one"
             )
 
 

@@ -53,6 +53,9 @@ MALFORMED = (
 )
 """Errors of zipfile, numpy and json on malformed files."""
 
+PLY = (b"ply\n", b"ply\r")
+"""The beginnings of a PLY file."""
+
 COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
 
 
@@ -108,8 +111,23 @@ def read_archive(path: Path, header_only: bool = False) -> ArrayArchive:
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}.") from None
     except MALFORMED as error:
+        _check_is_no_ply(path)
         problem = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise DataError(f"{path} is damaged: {problem}.", COPY_AGAIN) from error
+
+
+def _check_is_no_ply(path: Path) -> None:
+    """Refuse a splat file under another name as what it is.
+
+    Raises:
+        DataError: it begins as PLY files do.
+    """
+    with path.open("rb") as file:
+        if file.read(4) in PLY:
+            raise DataError(
+                f"{path} is a PLY file, despite its name.",
+                f"Rename it to {path.with_suffix('.ply').name}.",
+            )
 
 
 def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:

@@ -88,6 +88,9 @@ MAKERS: dict[str, Callable[[DataManager, FilmRule], Cameras]] = {
 }
 """Cameras of each path, without times."""
 
+PATHS = (*MAKERS, "time", *(name + WITH_TIME for name in MAKERS))
+"""Names of all paths."""
+
 
 def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPath]:
     """The paths for ``what``; ``all`` is the orbit, and the paths over time of a dynamic model.

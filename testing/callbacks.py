@@ -137,8 +137,17 @@ def _a_stop_works(subject: Subject) -> None:
         summary["steps"] == STOP_AT and not summary["completed"] and not raised,
         f"a run that was stopped after step {STOP_AT} ends after {summary['steps']}"
         + (f", with {type(raised[0]).__name__}: {raised[0]}." if raised else "."),
-        "on_end also comes after a stopped run: use summary.get for figures that it may lack.",
+        advice_after_a_stop(raised),
     )
+
+
+def advice_after_a_stop(raised: list[BaseException]) -> str:
+    """The remedy for a run that did not stop as asked, by what the callback raised."""
+    if not raised:
+        return "Call control.request_stop only where the run is to end."
+    if isinstance(raised[0], KeyError):
+        return "on_end also comes after a stopped run: use summary.get for figures it may lack."
+    return "Correct what raises this: on_end and close also come after a stopped run."
 
 
 PROMISES = (

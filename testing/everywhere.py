@@ -16,7 +16,7 @@ import yaml
 
 from gsfw.core.errors import UserError
 from gsfw.plugins import hooks
-from gsfw.plugins.conformance import problem_of
+from gsfw.plugins.conformance import problem_of, signature_problem
 from gsfw.plugins.keys import Key, field_help, keys
 from gsfw.plugins.registry import PartError
 from gsfw.plugins.specs import PROJECT
@@ -74,11 +74,28 @@ def _fits_its_contract(subject: Subject) -> None:
         problem = problem_of(subject.slot, subject.target)
     except PartError as error:
         require(False, f"{error.reason}.", error.advice)
+    problem = problem or _problem_when_built(subject)
     require(
         not problem,
         f"{problem}.",
         "Derive from the class of the contract in gsfw.api, and take its parameters.",
     )
+
+
+def _problem_when_built(subject: Subject) -> str:
+    """The misfit of the part that the default settings make, as a phrase.
+
+    Empty if it fits, or cannot be made here: that is for other promises to judge.
+    """
+    kind: Any = subject.target
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        return ""
+    try:
+        made = Builder(subject).build(kind())
+    except Exception:
+        return ""
+    parts = made if isinstance(made, list | tuple) else [made]
+    return next(filter(None, (signature_problem(type(part)) for part in parts)), "")
 
 
 def _settings_round_trip(subject: Subject) -> None:

@@ -20,6 +20,7 @@ from gsfw.formats.model_file import ModelFileExporter, read_model_file
 from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.plugins.config_file import read_config, write_config
 from gsfw.plugins.rebuild import rebuild, stored_model
+from gsfw.plugins.registry import PartError
 from gsfw.plugins.restore import restore
 from gsfw.plugins.settings import Layer, resolve
 from gsfw.plugins.snapshot import snapshot
@@ -50,7 +51,8 @@ def method_trial(subject: Subject, name: str, changes: Changes) -> Trial:
     """A run of the method on the still scene if it takes that, else on the moving one.
 
     Raises:
-        BrokenPromise: it refuses both.
+        BrokenPromise: it refuses both; at the first call for a subject.
+        NotApplicable: it refuses both; at later calls.
     """
     scene = subject.once("scene of the method", lambda: _scene(subject))
     return trial(subject, name, {"steps": STEPS, **scene, **changes}, subject.name)
@@ -59,17 +61,24 @@ def method_trial(subject: Subject, name: str, changes: Changes) -> Trial:
 def _scene(subject: Subject) -> Changes:
     if subject.data is not None:
         return {}
-    refused = ""
-    for motion in ({}, MOTION):
+    refused = subject.once("refusals", dict[str, str])
+    if refused:
+        raise NotApplicable("not checked: it refuses the built-in scene, as another promise tells")
+    for kind, motion in (("still", {}), ("moving", MOTION)):
         try:
             trial(subject, "scene", {"steps": STEPS, **motion}, subject.name).composition()
+        except PartError as error:
+            raise BrokenPromise(f"{error.reason}.", error.advice) from error
         except ConfigError as error:
-            refused = error.message
+            refused[kind] = error.message
         else:
+            refused.clear()
             return motion
+    told = " ".join(f"The {kind} one: {message}" for kind, message in refused.items())
     raise BrokenPromise(
-        f"it refuses the built-in scene, still and moving: {refused}",
-        "If it needs other data, name some: conformance(..., data=PATH, settings=(...)).",
+        f"it refuses the built-in scene. {told}",
+        "If it needs other data, name some: gsfw plugins check NAME data=PATH, or "
+        "conformance(..., data=PATH) in a test.",
     )
 
 

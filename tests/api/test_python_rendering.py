@@ -123,6 +123,54 @@ def test_matrices_of_any_kind_make_cameras():
         Cameras.from_matrices(pose, pose, 8, 6)
 
 
+def test_what_is_not_rigid_makes_no_camera():
+    lens = [[8.0, 0, 4], [0, 8, 3], [0, 0, 1]]
+    turned = Cameras.look_at([[0.3, -0.4, -3.0]], width=8, height=6).world_to_camera[0]
+    column_major = turned.T
+    for pose, problem in (
+        (2 * torch.eye(4), r"matrix 0 has the last row \[0.0, 0.0, 0.0, 2.0\]"),
+        (2 * torch.eye(4)[:3], r"matrix 0 scales or shears: .* lengths 2, 2, 2$"),
+        (torch.eye(4)[[0, 1, 0, 3]], "matrix 0 scales or shears"),
+        (torch.diag(torch.tensor([1.0, -1, 1, 1])), r"matrix 0 mirrors\. .*diag\(\[1, -1, -1, 1\]"),
+        (column_major, "matrix 0 has the last row .*; transpose it if it is column-major"),
+        (torch.full((4, 4), torch.nan), "matrix 0 is not finite"),
+        (torch.stack([turned, -turned]), "matrix 1 "),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            Cameras.from_matrices(pose, lens, 8, 6)
+
+
+def test_rounded_matrices_are_rigid():
+    lens = [[8.0, 0, 4], [0, 8, 3], [0, 0, 1]]
+    generator = torch.Generator().manual_seed(0)
+    places = torch.randn(200, 3, generator=generator, dtype=torch.float64) * 3
+    exact = Cameras.look_at(places, width=8, height=6).world_to_camera
+    for rounded in ((exact * 1000).round() / 1000, exact.float(), exact.half(), exact.bfloat16()):
+        assert len(Cameras.from_matrices(rounded, lens, 8, 6)) == 200
+
+
+@pytest.mark.unchecked
+def test_arguments_of_another_kind_are_refused_with_the_remedy(splat_file):
+    splats, camera, model = random_splats(2), front_camera(), load(splat_file)
+    for call, problem in (
+        (lambda: render(model, "orbit"), "cameras: expected Cameras, found str"),
+        (lambda: render(splats, 3), "cameras: expected Cameras, found int"),
+        (lambda: render(splats, [camera, "orbit"]), "cameras: expected Cameras, found str"),
+        (lambda: render("splats.ply", camera), "source: expected a Model or Splats, found str"),
+        (lambda: render(camera, splats), "source: expected a Model or Splats, found Cameras"),
+        (lambda: model.camera_path("circle"), "camera_path: no 'circle'"),
+        (lambda: model.camera_path("orbits"), "camera_path: no 'orbits'. Did you mean 'orbit'"),
+        (lambda: model.cameras("test"), "cameras: no 'test'"),
+    ):
+        with pytest.raises(ConfigError, match=problem) as caught:
+            call()
+        assert caught.value.advice
+    for field in ("means", "opacities", "quats"):
+        wrong = replace(splats, **{field: getattr(splats, field).numpy()})
+        with pytest.raises(ValueError, match=f"splats.{field}: expected a torch tensor, found nd"):
+            render(wrong, camera)
+
+
 def test_a_camera_looks_at_its_target_with_the_given_angle():
     cameras = Cameras.look_at([[3, 0, 0], [0, 0, 4]], (1, 0, 0), width=40, height=20)
     torch.testing.assert_close(cameras.centers, torch.tensor([[3.0, 0, 0], [0, 0, 4]]))

@@ -95,6 +95,12 @@ def test_a_file_that_is_cut_short_anywhere_is_refused(tmp_path):
         assert "is damaged: " in refusal(tmp_path / "cut")
 
 
+def test_a_ply_file_under_its_suffix_is_told_as_one(tmp_path):
+    path = tmp_path / "splats.gsfw"
+    path.write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
+    assert refusal(path) == f"{path} is a PLY file, despite its name."
+
+
 def test_a_file_with_changed_bytes_is_refused_or_reads_the_same(tmp_path):
     path = written(tmp_path / "a")
     whole, before = path.read_bytes(), read_archive(path)

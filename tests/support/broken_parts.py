@@ -11,10 +11,12 @@ import torch
 from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback
 from gsfw.core.capabilities import Feature
+from gsfw.core.column import Column
 from gsfw.core.config import Detection, RasterizerConfig, SamplerConfig, StrategyConfig
 from gsfw.core.datamanager import WrappedDataManager
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Exporter
+from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.resolution import MIN_SIDE
 from gsfw.core.metrics import Metric, Psnr
 from gsfw.core.operators import Operators
@@ -34,6 +36,10 @@ BROKEN: dict[tuple[str, str], type] = {}
 """Each broken part by its kind and the promise that it breaks."""
 
 
+OTHERS: dict[str, type] = {}
+"""Methods by name whose fault is seen by whichever promise is checked first."""
+
+
 def breaks(slot: str, promise: str):
     def note(kind):
         BROKEN[slot, promise] = kind
@@ -48,10 +54,10 @@ class Plugin:
 
 def _hook(slot: str):
     def specs(self):
+        named = {f"breaks-{promise}": kind for (of, promise), kind in BROKEN.items() if of == slot}
+        named |= OTHERS if slot == "method" else {}
         return [
-            Spec(f"breaks-{promise}", promise, f"{__name__}:{kind.__qualname__}")
-            for (kind_of, promise), kind in BROKEN.items()
-            if kind_of == slot
+            Spec(name, "Faulty", f"{__name__}:{kind.__qualname__}") for name, kind in named.items()
         ]
 
     return hookimpl(specs)
@@ -594,6 +600,11 @@ def _logits(self, time=None, cameras=None):
     return replace(splats, quats=splats.quats * 1.0, opacities=splats.opacities * 1.5)
 
 
+def _with_another_argument(self, context, extra):
+    return {}
+
+
+_method("fits-its-contract", losses=_with_another_argument)
 _method("learns", losses=_detached)
 _method("resumes-to-the-same-bits", losses=_weighted_by_a_counter)
 _method("uses-the-given-generator", losses=_noisy)
@@ -606,6 +617,31 @@ _method("one-gaussian", build_model=_needs_neighbours)
 _method("runs-at-lower-resolution", losses=_not_small)
 _method("model-file-renders-the-same", {"splats": _outside_state})
 _method("export-renders-the-same", {"splats": _logits})
+
+
+@dataclass
+class NeedsFeatures(StaticGaussiansConfig):
+    def build(self):
+        return NeedsFeaturesMethod(self)
+
+
+class NeedsFeaturesMethod(StaticGaussiansMethod):
+    def build_model(self, scene, operators, generator, initial):
+        raise ConfigError("the data has no map.")
+
+
+@dataclass
+class OneRowTooMany(StaticGaussiansConfig):
+    def build(self):
+        return OneRowTooManyMethod(self)
+
+
+class OneRowTooManyMethod(StaticGaussiansMethod):
+    def extra_columns(self, scene, count):
+        return {"more": Column(torch.zeros(count + 1, 2), LearningRate(0.1))}
+
+
+OTHERS |= {"needs-features": NeedsFeatures, "one-row-too-many": OneRowTooMany}
 
 
 @breaks("method", "presets-resolve")

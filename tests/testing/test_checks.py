@@ -22,6 +22,7 @@ from gsfw.testing import (
     promises,
     subjects_named,
 )
+from gsfw.testing.callbacks import advice_after_a_stop
 
 pytestmark = pytest.mark.unchecked
 
@@ -71,6 +72,40 @@ def test_nothing_else_is_checked_of_a_part_that_breaks_its_contract():
     found = list(outcomes(subject))
     assert found[-1].promise.name == "fits-its-contract"
     assert found[-1].verdict is Verdict.BROKEN
+
+
+def test_a_method_whose_calls_do_not_fit_is_told_once():
+    subject = find_subject("method", "breaks-fits-its-contract", plugin=Plugin())
+    last = list(outcomes(subject, ("fits-its-contract", "settings-survive-config-yaml")))[-1]
+    assert last.promise.name == "fits-its-contract"
+    assert "losses(self, context, extra) has to take the arguments" in last.happened
+    (promise,) = (it for it in promises("method") if it.name == "settings-survive-config-yaml")
+    outcome = promise.check(subject)  # As pytest does, which checks each promise by itself.
+    assert "losses(self, context, extra) has to take the arguments" in outcome.happened
+    assert "scene" not in outcome.happened + outcome.change
+
+
+def test_a_refused_scene_is_told_once_with_the_cause_of_each():
+    subject = find_subject("method", "needs-features", plugin=Plugin())
+    names = ("settings-survive-config-yaml", "presets-resolve", "edits-keep-columns")
+    found = {outcome.verdict: outcome for outcome in outcomes(subject, names)}
+    told = "it refuses the built-in scene. The still one: the data has no map. The moving one: meth"
+    assert found[Verdict.BROKEN].happened.startswith(told)
+    assert "gsfw plugins check NAME data=PATH" in found[Verdict.BROKEN].change
+    assert found[Verdict.NOT_APPLICABLE].happened.startswith("not checked: ")
+
+
+def test_rows_that_are_wrong_from_the_start_are_told_apart_from_edits():
+    subject = find_subject("method", "one-row-too-many", plugin=Plugin())
+    (outcome,) = outcomes(subject, ("edits-keep-columns",))
+    assert outcome.happened.startswith("before the first step, columns have different rows")
+    assert "extra_columns" in outcome.change
+
+
+def test_the_remedy_for_a_stop_follows_what_was_raised():
+    assert "summary.get" in advice_after_a_stop([KeyError("psnr")])
+    assert "summary.get" not in advice_after_a_stop([ValueError("a shape")])
+    assert "request_stop" in advice_after_a_stop([])
 
 
 def test_a_check_by_name_returns_outcomes_or_names_all_that_is_broken():
