@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -48,6 +48,13 @@ def package(spec: Spec) -> str:
     return f"{spec.distribution} {spec.version}".strip()
 
 
+def origin(spec: Spec) -> str:
+    """The package of a part in a sentence: "gsfw-dots 0.3", "the plugin at /home/me/x.py"."""
+    if spec.distribution.startswith(FROM):
+        return f"the plugin at {spec.distribution.removeprefix(FROM)}"
+    return package(spec)
+
+
 def how_to_get(packages: Sequence[str]) -> str:
     """The remedy for missing packages of a run, such as "gsfw-dots 0.3" or "from /home/me/x.py"."""
     places = [item.removeprefix(FROM) for item in packages if item.startswith(FROM)]
@@ -77,6 +84,7 @@ class Registry:
 
     def __init__(self, discovery: Discovery) -> None:
         self._discovery = discovery
+        self._told = 0
 
     def slot(self, slot: str) -> Mapping[str, Spec]:
         """All parts of a slot, by name.
@@ -88,7 +96,7 @@ class Registry:
         for spec in self._discovery.specs(SLOTS[slot]):
             first = found.setdefault(spec.name, spec)
             if first is not spec:
-                taken = f"this name is taken by {package(first)}"
+                taken = f"this name is taken by {origin(first)}"
                 advice = f"The first one is used; for the other, {removal(first.distribution)}."
                 if first.distribution == PROJECT:
                     advice = "The built-in one is used; the other needs another name."
@@ -110,7 +118,7 @@ class Registry:
         if name in specs:
             return specs[name]
         self._check_packages(f"no {slot} {name!r} is installed here", packages)
-        broken = "".join(f"\nnote: {plugin}" for plugin in self.broken)
+        broken = "".join(f"\nnote: {plugin}" for plugin in self.broken[self._told :])
         raise ConfigError(
             f"no {slot} {name!r}.{did_you_mean(name, specs)}",
             f"Installed: {', '.join(specs) or 'none'}.{broken}",
@@ -134,6 +142,12 @@ class Registry:
     def broken(self) -> list[BrokenPlugin]:
         """Skipped plugins, and the causes."""
         return self._discovery.broken
+
+    def tell_broken(self, tell: Callable[[str], None]) -> None:
+        """Name each skipped plugin that was not named before."""
+        for plugin in self.broken[self._told :]:
+            tell(str(plugin))
+        self._told = len(self.broken)
 
     def skip(self, slot: str, spec: Spec, error: Exception) -> None:
         """Record, once, that a failed part of a third party is skipped.
