@@ -33,6 +33,13 @@ SLOTS = MappingProxyType(
 """Hook of each slot."""
 
 
+OTHER_RASTERIZER = (
+    "\nA run can go on with another one: gsfw resume RUN rasterizer=cpu; if it is finished, with "
+    "steps=N too."
+)
+"""The way out for a run whose rasterizer is missing: it can change, unlike method and strategy."""
+
+
 class PartError(ConfigError):
     """A registered part cannot be used: its import fails, or it violates its contract."""
 
@@ -117,26 +124,33 @@ class Registry:
         specs = self.slot(slot)
         if name in specs:
             return specs[name]
-        self._check_packages(f"no {slot} {name!r} is installed here", packages)
+        way_out = OTHER_RASTERIZER if slot == "rasterizer" else ""
+        self._check_packages(f"no {slot} {name!r} is installed here", packages, way_out)
         broken = "".join(f"\nnote: {plugin}" for plugin in self.broken[self._told :])
         raise ConfigError(
             f"no {slot} {name!r}.{did_you_mean(name, specs)}",
             f"Installed: {', '.join(specs) or 'none'}.{broken}",
         )
 
-    def _check_packages(self, problem: str, packages: Sequence[str]) -> None:
+    def _check_packages(self, problem: str, packages: Sequence[str], way_out: str) -> None:
         """Name the packages of a run that are skipped or missing, as the cause of a problem.
+
+        Args:
+            problem: a phrase without a period.
+            packages: packages of the run's plugins.
+            way_out: what follows the remedy.
 
         Raises:
             ConfigError: there are some; says how to get them.
         """
         for plugin in self.broken:
             if plugin.kind in (PLUGIN, HOOK) and any(map(plugin.comes_from, packages)):
-                raise ConfigError(f"{problem}: the {plugin.skipped}.", plugin.advice)
+                raise ConfigError(f"{problem}: the {plugin.skipped}.", f"{plugin.advice}{way_out}")
         missing = [package for package in packages if package not in self.third_parties()]
         if missing:
             names = ", ".join(item.removeprefix(FROM) for item in missing)
-            raise ConfigError(f"{problem}. The run was made with {names}.", how_to_get(missing))
+            advice = f"{how_to_get(missing)}{way_out}"
+            raise ConfigError(f"{problem}. The run was made with {names}.", advice)
 
     @property
     def broken(self) -> list[BrokenPlugin]:

@@ -52,6 +52,16 @@ def test_a_name_that_a_run_had_from_a_package_says_which_and_how_to_install_it()
     )
 
 
+def test_a_run_whose_rasterizer_is_missing_can_go_on_with_another():
+    with pytest.raises(ConfigError) as caught:
+        fake_registry().find("rasterizer", "dots", ("gsfw-dots 0.3", "pkg0 1.0"))
+    assert caught.value.advice == (
+        "Install it, if you trust it: pip install gsfw-dots==0.3\n"
+        "A run can go on with another one: gsfw resume RUN rasterizer=cpu; if it is finished, "
+        "with steps=N too."
+    )
+
+
 def test_nothing_is_suggested_for_what_resembles_nothing():
     assert did_you_mean("zzz", ["adc", "mcmc"]) == ""
 
