@@ -77,20 +77,13 @@ def _run(tokens: list[str], console: Console) -> int:
         console.result({PROJECT: metadata.version(PROJECT)})
         return 0
     verb = _find_verb(tokens[0], installed())
-    told = len(installed().broken)
     if tokens[0] not in SHOW_BROKEN:
-        _tell_broken(console)
+        installed().tell_broken(console.warn)
     with shown_by(SlowStages().stage):
         code = verb(tokens[1:])
     if tokens[0] not in SHOW_BROKEN:
-        _tell_broken(console, told)  # Some fail only when they are loaded.
+        installed().tell_broken(console.warn)  # Some fail only when they are loaded.
     return code
-
-
-def _tell_broken(console: Console, told: int = 0) -> None:
-    """Print a line for each skipped plugin, except the first ``told``."""
-    for broken in installed().broken[told:]:
-        console.warn(str(broken))
 
 
 def _find_verb(name: str, registry: Registry) -> Callable[[list[str]], int]:

@@ -100,7 +100,7 @@ def _tell(
     place = folder if folder.is_absolute() else f"./{folder.as_posix()}"
     edit = folder / name.module / f"{kind.module}.py"
     lines = sum(len(text.splitlines()) for text in files.values())
-    commands = [f"pip install {place}", kind.command, f"pytest {folder}"]
+    commands = [f"pip install -e {place}", kind.command, f"pytest {folder}"]
     console.say(f"wrote {folder}: {lines} lines in {len(files)} files")
     console.say(f"edit  {edit}")
     console.say("")

@@ -18,13 +18,14 @@ from gsfw.plugins.versions import API_VERSION
 
 @dataclass(kw_only=True)
 class PluginsOptions(Options):
-    """List the installed parts, slot by slot, and the broken plugins, which are skipped.
+    """List the installed parts, slot by slot, and the plugins that do not load, which are skipped.
+
+    The list says only that parts load. ``gsfw plugins check NAME`` checks what a part does, or all
+    parts of a plugin.
 
     GSFW_PLUGIN_PATH=PLACE:PLACE adds plugins that are not installed: a file, the folder of a
     package, or a source tree with pyproject.toml. GSFW_PLUGINS=NAME,NAME loads only these of the
     installed ones, GSFW_DISABLE_PLUGINS=1 none at all.
-
-    ``gsfw plugins check NAME`` checks a part, or all parts of a plugin.
     """
 
     examples: ClassVar[tuple[str, ...]] = (

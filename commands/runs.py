@@ -14,10 +14,14 @@ from gsfw.commands.interface.arguments import Options, read, word, words
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
+    from gsfw.reports.run_comparison import RunComparison
     from gsfw.reports.run_record import RunRecord
 
 COMPARE, REMOVE = "compare", "remove"
 COLUMNS = ("state", "scene", "method", "PSNR", "Gaussians", "time", "run")
+
+MOST_ADDED = 6
+"""Chosen: more settings that only some runs have are counted, and not named."""
 
 
 @dataclass(kw_only=True)
@@ -220,11 +224,27 @@ def _compare(options: RunsOptions, console: Console) -> int:
         console.table(["setting", *letters], chosen)
     else:
         console.say("no setting differs that somebody chose")
-    if following := comparison.following:
-        console.say(f"{len(following)} more differ, and follow from these (json=true has them)")
+    _tell_others(comparison, letters, console)
     for reason in comparison.why_not(letters):
         console.warn(reason)
     return 0
+
+
+def _tell_others(comparison: RunComparison, letters: Sequence[str], console: Console) -> None:
+    """Name what differs though nobody chose it: packages of plugins, and settings."""
+    from gsfw.reports.plain_text import setting_text
+
+    if comparison.plugins:
+        console.table(["", *letters], [["plugins", *comparison.plugins]])
+    added = comparison.added if len(comparison.added) <= MOST_ADDED else {}
+    for key, places in added.items():
+        values = comparison.settings[key]
+        owners = " and ".join(letters[place] for place in places)
+        texts = ", ".join(dict.fromkeys(setting_text(values[place]) for place in places))
+        console.say(f"only {owners} {'has' if len(places) == 1 else 'have'} {key} ({texts})")
+    if others := len(comparison.following) - len(added):
+        follow = ", and follow from these" if comparison.chosen else ""
+        console.say(f"{others} more differ{follow} (json=true has them)")
 
 
 def _remove(options: RunsOptions, console: Console) -> int:

@@ -47,6 +47,7 @@ HOOKS = tuple(sorted(name for name in vars(hooks) if name.startswith(f"{PROJECT}
 SPEC_HOOKS = tuple(name for name in HOOKS if name != REQUIRES_API)
 
 _UNKNOWN_FIELD = re.compile(r"Spec\.__init__\(\) got an unexpected keyword argument '(\w+)'")
+_WRONG_ARGUMENTS = re.compile(r"for hook '(\w+)'\s.*\sArgument\(s\) ", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -142,10 +143,18 @@ class Discovery:
     def add(self, plugin: ModuleType | object, source: PluginSource) -> None:
         """Register one plugin, unless it asks for another API version.
 
-        Unknown hooks are ignored, and named in ``broken``.
+        Unknown hooks, and those without ``@hookimpl``, are ignored, and named in ``broken``.
         """
         key = _key(source)
-        self._manager.register(plugin, key)
+        try:
+            self._manager.register(plugin, key)
+        except pluggy.PluginValidationError as error:
+            self._manager.unregister(name=key)
+            wrong = _WRONG_ARGUMENTS.search(str(error))
+            if wrong is None:
+                raise
+            self._skip(source, f"{wrong[1]} takes no arguments", f"Write def {wrong[1]}().")
+            return
         try:
             asked = self._asked_range(key)
         except RangeError as error:
@@ -154,12 +163,13 @@ class Discovery:
             return
         self._sources[key] = replace(source, requires_api=asked)
         for name in dir(plugin):
-            is_hook = getattr(getattr(plugin, name, None), f"{PROJECT}_impl", None) is not None
-            if is_hook and name not in HOOKS:
+            if _is_marked(plugin, name, "impl") and name not in HOOKS:
                 near = difflib.get_close_matches(name, HOOKS, 1, cutoff=0.8)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 reason = f"there is no such hook{hint}, the others are used"
                 self._skip(source, reason, hook=name)
+        for name in _unmarked_hooks(plugin):
+            self._skip(source, "it is not marked as a hook", f"Write @hookimpl above {name}.", name)
 
     def _asked_range(self, key: str) -> str:
         """The range of API versions that a plugin states; empty if it states none.
@@ -268,6 +278,21 @@ def _raised(error: BaseException) -> str:
     if unknown:
         return f"registers a Spec with the field {unknown[1]!r}, which this version does not have"
     return f"raised {type(error).__name__}: {error}"
+
+
+def _is_marked(plugin: ModuleType | object, name: str, marker: str) -> bool:
+    return getattr(getattr(plugin, name, None), f"{PROJECT}_{marker}", None) is not None
+
+
+def _unmarked_hooks(plugin: ModuleType | object) -> list[str]:
+    """Functions with the name of a hook that lack the mark, and are never called."""
+    return [
+        name
+        for name in HOOKS
+        if callable(getattr(plugin, name, None))
+        and not _is_marked(plugin, name, "impl")
+        and not _is_marked(plugin, name, "spec")  # The specification itself, imported.
+    ]
 
 
 def _problem(found: object) -> str:

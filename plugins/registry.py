@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -33,6 +33,13 @@ SLOTS = MappingProxyType(
 """Hook of each slot."""
 
 
+OTHER_RASTERIZER = (
+    "\nA run can go on with another one: gsfw resume RUN rasterizer=cpu; if it is finished, with "
+    "steps=N too."
+)
+"""The way out for a run whose rasterizer is missing: it can change, unlike method and strategy."""
+
+
 class PartError(ConfigError):
     """A registered part cannot be used: its import fails, or it violates its contract."""
 
@@ -46,6 +53,13 @@ class PartError(ConfigError):
 def package(spec: Spec) -> str:
     """The package of a part: "gsfw-dots 0.3"."""
     return f"{spec.distribution} {spec.version}".strip()
+
+
+def origin(spec: Spec) -> str:
+    """The package of a part in a sentence: "gsfw-dots 0.3", "the plugin at /home/me/x.py"."""
+    if spec.distribution.startswith(FROM):
+        return f"the plugin at {spec.distribution.removeprefix(FROM)}"
+    return package(spec)
 
 
 def how_to_get(packages: Sequence[str]) -> str:
@@ -77,6 +91,7 @@ class Registry:
 
     def __init__(self, discovery: Discovery) -> None:
         self._discovery = discovery
+        self._told = 0
 
     def slot(self, slot: str) -> Mapping[str, Spec]:
         """All parts of a slot, by name.
@@ -88,7 +103,7 @@ class Registry:
         for spec in self._discovery.specs(SLOTS[slot]):
             first = found.setdefault(spec.name, spec)
             if first is not spec:
-                taken = f"this name is taken by {package(first)}"
+                taken = f"this name is taken by {origin(first)}"
                 advice = f"The first one is used; for the other, {removal(first.distribution)}."
                 if first.distribution == PROJECT:
                     advice = "The built-in one is used; the other needs another name."
@@ -109,31 +124,44 @@ class Registry:
         specs = self.slot(slot)
         if name in specs:
             return specs[name]
-        self._check_packages(f"no {slot} {name!r} is installed here", packages)
-        broken = "".join(f"\nnote: {plugin}" for plugin in self.broken)
+        way_out = OTHER_RASTERIZER if slot == "rasterizer" else ""
+        self._check_packages(f"no {slot} {name!r} is installed here", packages, way_out)
+        broken = "".join(f"\nnote: {plugin}" for plugin in self.broken[self._told :])
         raise ConfigError(
             f"no {slot} {name!r}.{did_you_mean(name, specs)}",
             f"Installed: {', '.join(specs) or 'none'}.{broken}",
         )
 
-    def _check_packages(self, problem: str, packages: Sequence[str]) -> None:
+    def _check_packages(self, problem: str, packages: Sequence[str], way_out: str) -> None:
         """Name the packages of a run that are skipped or missing, as the cause of a problem.
+
+        Args:
+            problem: a phrase without a period.
+            packages: packages of the run's plugins.
+            way_out: what follows the remedy.
 
         Raises:
             ConfigError: there are some; says how to get them.
         """
         for plugin in self.broken:
             if plugin.kind in (PLUGIN, HOOK) and any(map(plugin.comes_from, packages)):
-                raise ConfigError(f"{problem}: the {plugin.skipped}.", plugin.advice)
+                raise ConfigError(f"{problem}: the {plugin.skipped}.", f"{plugin.advice}{way_out}")
         missing = [package for package in packages if package not in self.third_parties()]
         if missing:
             names = ", ".join(item.removeprefix(FROM) for item in missing)
-            raise ConfigError(f"{problem}. The run was made with {names}.", how_to_get(missing))
+            advice = f"{how_to_get(missing)}{way_out}"
+            raise ConfigError(f"{problem}. The run was made with {names}.", advice)
 
     @property
     def broken(self) -> list[BrokenPlugin]:
         """Skipped plugins, and the causes."""
         return self._discovery.broken
+
+    def tell_broken(self, tell: Callable[[str], None]) -> None:
+        """Name each skipped plugin that was not named before."""
+        for plugin in self.broken[self._told :]:
+            tell(str(plugin))
+        self._told = len(self.broken)
 
     def skip(self, slot: str, spec: Spec, error: Exception) -> None:
         """Record, once, that a failed part of a third party is skipped.

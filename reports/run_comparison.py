@@ -11,10 +11,10 @@ from gsfw.core.words import duration, size
 from gsfw.reports.plain_text import metric_name, metric_text, plain
 from gsfw.reports.run_record import RunRecord
 
-CHOICES = (
-    *("method", "preset", "strategy", "rasterizer", "datamanager", "sampler"),
-    *("data", "device", "steps", "seed", "downscale"),
-)
+PARTS = ("method", "preset", "strategy", "rasterizer", "datamanager", "sampler")
+"""Settings whose values have settings of their own."""
+
+CHOICES = (*PARTS, "data", "device", "steps", "seed", "downscale")
 """Settings that are shown wherever they differ; of the others those that a user chose."""
 
 
@@ -129,6 +129,29 @@ class RunComparison:
         """Settings that differ because others do."""
         chosen = set(self.chosen)
         return [key for key in self.settings if key not in chosen]
+
+    @property
+    def added(self) -> dict[str, list[int]]:
+        """Settings that only some runs have, though all have the same parts; with their places.
+
+        A plugin got or lost such a setting between the runs.
+        """
+        if any(key in PARTS for key in self.settings):
+            return {}
+        found = {
+            key: [place for place, record in enumerate(self.records) if key in record.settings]
+            for key in self.following
+        }
+        return {key: places for key, places in found.items() if len(places) < len(self.records)}
+
+    @property
+    def plugins(self) -> list[str]:
+        """The packages of each run's plugins, with their versions; empty if all have the same."""
+        found = [
+            ", ".join(map(str, record.header.get("plugins") or ())) or "none"
+            for record in self.records
+        ]
+        return found if len(set(found)) > 1 else []
 
     @cached_property
     def protocol(self) -> dict[str, list[Any]]:

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from keyword import iskeyword
 
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.registry import Registry, package
+from gsfw.plugins.registry import Registry, origin
 
 MOST_LETTERS = 30
 """Length of a name that fits into lines of code and columns of lists."""
@@ -60,7 +60,7 @@ def check_name(text: str, slot: str, registry: Registry) -> PartName:
     taken = registry.slot(slot).get(text)
     if taken is not None:
         raise ConfigError(
-            f"gsfw new: there is a {slot} {text!r} already, of {package(taken)}.",
+            f"gsfw new: there is a {slot} {text!r} already, of {origin(taken)}.",
             "Choose another name.",
         )
     name = PartName(text)

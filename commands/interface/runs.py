@@ -67,11 +67,11 @@ def find_run(text: str, say: Callable[[str], None], splats: bool = False) -> Run
         return RunArgument(RunFolder(path.parent), None, splat_file=path)
     if not path.exists():
         kind = "run or splat file" if splats else "run"
-        raise DataError(f"there is no {kind} {text}.{_nearest(path)}", _advice())
+        raise DataError(f"there is no {kind} {text}.{_nearest(path)}", _advice(splats))
     folder = RunFolder(path)
     if not folder.config.is_file():
         refuse_unread_splats(path)
-        raise DataError(f"{text} is not a run: it has no {folder.config.name}.", _advice())
+        raise DataError(f"{text} is not a run: it has no {folder.config.name}.", _advice(splats))
     return RunArgument(folder, None)
 
 
@@ -120,12 +120,13 @@ def _nearest(path: Path) -> str:
     return did_you_mean(path.name, siblings)
 
 
-def _advice() -> str:
+def _advice(splats: bool) -> str:
     known = newest_runs()[:3]
     listed = f" Newest runs: {', '.join(map(str, known))}." if known else ""
+    file = "a file of splats (such as .ply), " if splats else ""
     return (
         "RUN is the folder that gsfw train made, a checkpoint in it, a model file "
-        f"({MODEL_SUFFIX}), or latest.{listed}"
+        f"({MODEL_SUFFIX}), {file}or latest.{listed}"
     )
 
 

@@ -24,7 +24,7 @@ def test_a_package_is_written_and_the_next_commands_are_printed(tmp_path, capsys
     assert capsys.readouterr().out.splitlines()[1:] == [
         "edit  my-strategy/my_strategy/strategy.py",
         "",
-        "  pip install ./my-strategy",
+        "  pip install -e ./my-strategy",
         "  gsfw train method=3dgs strategy=my-strategy",
         "  pytest my-strategy",
     ]

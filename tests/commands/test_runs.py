@@ -267,6 +267,31 @@ def test_comparison_of_runs_with_other_settings_has_dashes(capsys):
     assert document["chosen"] == ["seed", "new_setting"]
 
 
+def test_a_setting_that_a_plugin_got_meanwhile_is_named_with_the_packages(capsys):
+    first, second = make_run("a"), make_run("b")
+    for run, version in ((first, "0.1"), (second, "0.2")):
+        with (run / "config.yaml").open("a") as config:
+            config.write(f"plugins:\n- my-method {version}\n")
+    with (second / "config.yaml").open("a") as config:
+        config.write("edge_weight: 0.05\n")
+    assert main(["runs", "compare", str(first), str(second)]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines[lines.index("no setting differs that somebody chose") :] == [
+        "no setting differs that somebody chose",
+        "A B",
+        "plugins my-method 0.1 my-method 0.2",
+        "only B has edge_weight (0.05)",
+    ]
+
+
+def test_settings_of_another_method_are_not_told_one_by_one(capsys):
+    first, second = make_run("a"), make_run("b", method="4dgs")
+    with (second / "config.yaml").open("a") as config:
+        config.write("motion_lr: 0.05\n")
+    assert main(["runs", "compare", str(first), str(second)]) == 0
+    assert "only B" not in capsys.readouterr().out
+
+
 def test_figures_that_were_measured_differently_are_not_silently_compared(capsys):
     first, second = make_run("a"), make_run("b")
     summary = second / "metrics.json"

@@ -58,7 +58,13 @@ FAULTS = {
     ),
     "plugin_with_arguments": (
         HEAD + "@hookimpl\ndef gsfw_samplers(registry):\n    return []\n",
-        "plugin 'plugin_with_arguments' is skipped: PluginValidationError: ",
+        "plugin 'plugin_with_arguments' is skipped: gsfw_samplers takes no arguments. Write def "
+        "gsfw_samplers().",
+    ),
+    "plugin_without_mark": (
+        HEAD + "def gsfw_methods():\n    return []\n",
+        "hook 'gsfw_methods' is skipped: it is not marked as a hook. Write @hookimpl above "
+        "gsfw_methods.",
     ),
     "plugin_without_list": (
         HEAD + hook("gsfw_samplers", "return None"),

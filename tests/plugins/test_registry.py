@@ -52,9 +52,43 @@ def test_a_name_that_a_run_had_from_a_package_says_which_and_how_to_install_it()
     )
 
 
+def test_a_run_whose_rasterizer_is_missing_can_go_on_with_another():
+    with pytest.raises(ConfigError) as caught:
+        fake_registry().find("rasterizer", "dots", ("gsfw-dots 0.3", "pkg0 1.0"))
+    assert caught.value.advice == (
+        "Install it, if you trust it: pip install gsfw-dots==0.3\n"
+        "A run can go on with another one: gsfw resume RUN rasterizer=cpu; if it is finished, "
+        "with steps=N too."
+    )
+
+
 def test_nothing_is_suggested_for_what_resembles_nothing():
     assert did_you_mean("zzz", ["adc", "mcmc"]) == ""
 
 
 def test_a_spec_loads_its_target():
     assert fake_registry().find("method", "demo").load().__name__ == "Demo"
+
+
+def test_a_name_that_a_file_has_taken_names_the_file():
+    discovery = Discovery()
+    discovery.add(FakePlugin(), PluginSource("base", "from /home/me/base.py", ""))
+    discovery.add(Twin(), PluginSource("twin", "a-twin", "2.0"))
+    registry = Registry(discovery)
+    registry.slot("strategy")
+    (skipped,) = registry.broken
+    assert skipped.reason == "this name is taken by the plugin at /home/me/base.py"
+
+
+def test_a_skipped_plugin_is_told_once():
+    registry = registry_of(FakePlugin(), Twin())
+    registry.slot("strategy")
+    with pytest.raises(ConfigError, match="\nnote: strategy 'adc'"):
+        registry.find("strategy", "none")
+    said: list[str] = []
+    registry.tell_broken(said.append)
+    registry.tell_broken(said.append)
+    assert said == [str(registry.broken[0])]
+    with pytest.raises(ConfigError) as caught:
+        registry.find("strategy", "none")
+    assert "note: " not in str(caught.value)

@@ -119,3 +119,13 @@ def test_runs_that_are_gone_are_not_the_latest(tmp_path):
     (tmp_path / "emptied").mkdir()
     remember_run(tmp_path / "emptied")
     assert "there is no latest run" in refusal("latest")
+
+
+def test_where_a_file_of_splats_will_do_a_missing_one_says_so():
+    with pytest.raises(DataError) as caught:
+        find_run_and_say("nofile.ply", print, splats=True)
+    assert str(caught.value) == (
+        "there is no run or splat file nofile.ply.\n"
+        "RUN is the folder that gsfw train made, a checkpoint in it, a model file (.gsfw), a file "
+        "of splats (such as .ply), or latest."
+    )
