@@ -274,7 +274,8 @@ def test_too_many_broken_steps_in_a_row_stop_the_run_with_advice(tmp_path):
     with pytest.raises(TrainingError) as caught:
         run.fit()
     assert str(caught.value) == (
-        "5 steps in a row had a loss or gradient that is not finite; stopped at step 12.\n"
+        "5 steps in a row had a loss or gradient that is not finite; stopped at step 12. "
+        "Loss terms that are not finite: poison.\n"
         f"The last good state is in {tmp_path / 'checkpoints'}. Try lower learning rates "
         "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA."
     )
