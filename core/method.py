@@ -32,6 +32,9 @@ class Method(ABC):
     ``report`` at the end.
     """
 
+    registered_as: str = ""
+    """Its registered name and package in messages: "method 'mine' (gsfw-mine 0.1)"."""
+
     def check_scene(self, scene: Scene) -> None:  # noqa: B027
         """Refuse a scene that this method cannot train on.
 

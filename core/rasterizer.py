@@ -16,6 +16,7 @@ from gsfw.core.capabilities import Capabilities
 from gsfw.core.input_checks import check_form, check_values
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
+from gsfw.core.returns import check_output
 from gsfw.core.splats import Splats
 
 
@@ -50,12 +51,17 @@ class Rasterizer(ABC):
         Raises:
             ValueError: an input has a wrong shape, device or dtype, or (with full validation) holds
                 values that cannot be rendered; the message names the field and the first row.
+            ConfigError: the backend returned no images, or images of a wrong shape.
         """
         settings = settings or RenderSettings()
         check_form(splats, cameras, settings)
         if settings.validation is Validation.FULL:
             check_values(splats, cameras, settings)
-        return self._render(splats, cameras, settings)
+        output = self._render(splats, cameras, settings)
+        images = (len(cameras), cameras.height, cameras.width)
+        extras = None if splats.extra is None else splats.extra.shape[1]
+        check_output(type(self).__name__, output, images, splats.channels, extras)
+        return output
 
     @final
     @torch.no_grad()

@@ -39,9 +39,11 @@ from gsfw.core.method import Method
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
 from gsfw.core.progress import stage
+from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.refinement.budget import with_budget
-from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.refinement.refiners import Refiners, checked_refiners
 from gsfw.core.render_settings import RenderSettings, Validation
+from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
@@ -52,7 +54,7 @@ from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.initial_splats import find_importer, read_initial
 from gsfw.plugins.loading import check_built, choose_operators, make_metrics
 from gsfw.plugins.opening import open_data
-from gsfw.plugins.registry import Registry
+from gsfw.plugins.registry import Registry, registered_as
 from gsfw.plugins.settings import Settings
 from gsfw.plugins.start import find_surface, start_of
 
@@ -232,9 +234,10 @@ def compose(
     check(settings, registry)
     device = settings_device(settings)
     method = settings.config.build()
-    check_built("method", settings.method, method)
+    check_built("method", settings.method, method, Method)
+    method.registered_as = registered_as("method", settings.method)
     data = open_data(settings) if data is None else data
-    check_built("datamanager", settings.choices["datamanager"], data)
+    check_built("datamanager", settings.choices["datamanager"], data, DataManager)
     check_data(settings, registry, data, method)
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
@@ -252,9 +255,8 @@ def compose(
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:
     """Check that the parts of third parties take the calls of gsfw."""
-    check_built("method", settings.method, parts.model)
-    for slot in ("sampler", "rasterizer"):
-        check_built(slot, settings.choices[slot], getattr(parts, slot))
+    for slot, kind in (("sampler", Sampler), ("rasterizer", Rasterizer)):
+        check_built(slot, settings.choices[slot], getattr(parts, slot), kind)
     for refiner in parts.refiners:
         check_built("strategy", settings.choices["strategy"], refiner)
         check_built("method", settings.method, refiner)
@@ -274,8 +276,11 @@ def _parts(
     operators = choose_operators(registry, device)
     initial = read_initial(config.init, registry, scene)
     seeded = torch.Generator().manual_seed(config.seed)
-    model = method.build_model(scene, operators, seeded, initial).to(device)
+    model = method.build_model(scene, operators, seeded, initial)
+    check_built("method", settings.method, model, PrimitiveModel)
+    model = model.to(device)
     method.begin(scene, data.views(Split.TRAIN), model)
+    check_rows(model)
     groups = corrections.parameter_groups()
     optimizer = Optimizer(model, operators, config.optim.settings(), groups)
     assert isinstance(config.sampler, SamplerConfig)
@@ -311,9 +316,28 @@ def make_refiners(
         raise ConfigError(
             f"the strategy splits, clones or relocates rows, and {type(model).__name__} is no "
             "DensifiableModel: it does not say how.",
-            "Use strategy=none, or let the model derive from gsfw.core.model.DensifiableModel.",
+            "Use strategy=none, or let the model derive from gsfw.api.DensifiableModel.",
         )
-    return Refiners([*with_budget(strategy, scene), *method.refiners(scene, model)])
+    source = f"{method.registered_as or type(method).__name__}: refiners"
+    own = checked_refiners(source, method.refiners(scene, model))
+    return Refiners([*with_budget(strategy, scene), *own])
+
+
+def check_rows(model: PrimitiveModel) -> None:
+    """Check that all columns of a model have a row for each splat.
+
+    Raises:
+        ConfigError: one has another number of rows than the first.
+    """
+    columns = model.columns()
+    first = next(iter(columns), "")
+    for name, column in columns.items():
+        if column.num_rows != model.num_rows:
+            raise ConfigError(
+                f"column {name!r} of {type(model).__name__} has {column.num_rows} rows, expected "
+                f"{model.num_rows} as {first!r} has.",
+                "Every column has one row for each splat: make it of that size.",
+            )
 
 
 def make_corrections(config: MethodConfig, data: DataManager) -> CaptureCorrections:

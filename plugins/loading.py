@@ -141,14 +141,16 @@ def load_third_parties(registry: Registry) -> None:
                     registry.skip(slot, spec, error)
 
 
-def check_built(slot: str, spec: Spec, part: object) -> None:
-    """Check that a third party's part accepts the calls of gsfw.
+def check_built(slot: str, spec: Spec, part: object, kind: type = object) -> None:
+    """Check that a third party's part has its class, and accepts the calls of gsfw.
 
     Raises:
-        PartError: it is abstract, or a method has other parameters.
+        PartError: it is of another class, is abstract, or a method has other parameters.
     """
     if spec.distribution != PROJECT:
         problem = signature_problem(type(part))
+        if not isinstance(part, kind):
+            problem = f"what it builds is {type(part).__name__}, expected a {kind.__name__}"
         if problem:
             raise PartError(slot, spec, problem, other_version(spec.distribution))
 

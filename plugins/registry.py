@@ -50,6 +50,12 @@ class PartError(ConfigError):
         self.reason = reason
 
 
+def registered_as(slot: str, spec: Spec) -> str:
+    """A part in messages, with the package of a third party: "method 'mine' (gsfw-mine 0.1)"."""
+    name = f"{slot} {spec.name!r}"
+    return name if spec.distribution == PROJECT else f"{name} ({package(spec)})"
+
+
 def package(spec: Spec) -> str:
     """The package of a part: "gsfw-dots 0.3"."""
     return f"{spec.distribution} {spec.version}".strip()

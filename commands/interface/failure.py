@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import UserError
 from gsfw.plugins.registry import installed
+from gsfw.plugins.specs import PROJECT
 
 if TYPE_CHECKING:
     from gsfw.core.loop.run_folder import RunFolder
+    from gsfw.plugins.discovery import PluginSource
 
 UNEXPECTED = 1
 INTERRUPTED = 130
@@ -70,7 +72,7 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     _tell(
         console,
         f"{culprit} failed unexpectedly: {summary}",
-        f"The traceback is in {path}; --debug shows it here. {bug}",
+        f"The traceback is in {path}{'' if debug else '; debug=true shows it here'}. {bug}",
     )
     return UNEXPECTED
 
@@ -91,10 +93,21 @@ def _culprit(error: BaseException) -> tuple[str, str]:
             package = f"{owner.noun} {owner.version}".strip()
             return (
                 f"{place} of {package} ({Path(code.co_filename).name}, line {line})",
-                f"This is a bug of {owner.noun}, or it was made for another gsfw.",
+                _missing_module(error, owner)
+                or f"This is a bug of {owner.noun}, or it was made for another gsfw.",
             )
     plugins = ", ".join(registry.third_parties())
     return "gsfw", f"This is a bug of gsfw{f' or of a plugin: {plugins}' if plugins else ''}."
+
+
+def _missing_module(error: BaseException, owner: PluginSource) -> str:
+    """The remedy for a module of another package that a plugin imports; empty if there is none."""
+    if not isinstance(error, ModuleNotFoundError) or not error.name:
+        return ""
+    module = error.name.partition(".")[0]
+    if module in (PROJECT, owner.package):
+        return ""
+    return f"Install {module} (pip install {module}), which {owner.noun} needs."
 
 
 def _record(error: Exception) -> Path:

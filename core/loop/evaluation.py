@@ -25,6 +25,7 @@ from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
+from gsfw.core.returns import checked_mapping
 from gsfw.core.temporal_metrics.over_time import OverTime, means
 
 
@@ -173,9 +174,15 @@ class _Comparison:
             counted = moving if moving is None or valid is None else moving & valid
             self._baselines.compare(index, target, valid, counted)
         self._one_color += is_one_color(image, target, valid)
-        return figures | (
-            {} if self._method is None else dict(self._method.view_metrics(batch, output))
-        )
+        return figures | self._own_figures(batch, output)
+
+    def _own_figures(self, batch: Batch, output: RenderOutput) -> dict[str, float]:
+        if self._method is None:
+            return {}
+        source = f"{self._method.registered_as or type(self._method).__name__}: view_metrics"
+        found = self._method.view_metrics(batch, output)
+        advice = 'Return a mapping such as {"depth_error": 0.1}; {} where there is none.'
+        return dict(checked_mapping(source, found, "numbers by name", advice))
 
     def evaluation(
         self, names: Sequence[str], per_view: Mapping[int, Mapping[str, float]], render_ms: float

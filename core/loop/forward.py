@@ -13,9 +13,11 @@ from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings
+from gsfw.core.returns import HOW_TO_TERM, checked_terms
 
 
 @dataclass(frozen=True)
@@ -93,15 +95,25 @@ class Forward:
             render=render_view,
             contributions=contributions,
         )
-        data_losses = parts.method.losses(context)
+        method = parts.method.registered_as or type(parts.method).__name__
+        data_losses = checked_terms(f"{method}: losses", parts.method.losses(context))
+        if not data_losses:
+            raise ConfigError(f"{method}: losses returned no term.", HOW_TO_TERM)
         terms = (
             data_losses,
-            parts.model.regularizers(context),
+            checked_terms(
+                f"{type(parts.model).__name__}.regularizers", parts.model.regularizers(context)
+            ),
             parts.refiners.regularizers(context),
         )
         losses = {name: value for found in terms for name, value in found.items()}
         parts.refiners.before_backward(context, parts.model)
         total = torch.stack(list(losses.values())).sum() * share
+        if not total.requires_grad:
+            raise ConfigError(
+                f"{method}: losses returned {', '.join(data_losses)} without gradients.",
+                "Compute them from context.rendered without detach(), item() or no_grad().",
+            )
         return RenderedBatch(context, losses, tuple(data_losses), total)
 
     def _base_settings(self, step: int) -> RenderSettings:

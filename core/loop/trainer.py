@@ -225,7 +225,7 @@ class Trainer:
         if any(done % plan.log_every == 0 or done in (1, plan.steps) for done in passed):
             self._report(rendered)
         if any(done % min(plan.log_every, plan.max_skipped) == 0 for done in passed):
-            self._check_skipped()
+            self._check_skipped(rendered)
         is_evaluated = any(
             evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
         )
@@ -271,7 +271,7 @@ class Trainer:
         self._refined.clear()
         self.callbacks.on_step(report, self.control)
 
-    def _check_skipped(self) -> None:
+    def _check_skipped(self, rendered: list[RenderedBatch]) -> None:
         """Stop after too many steps in a row that were not finite; reads the flag rarely."""
         self._catch_up()
         skipped_in_a_row = int(self._skipped_in_a_row)
@@ -279,7 +279,7 @@ class Trainer:
             self._checkpoint()  # Skipped steps change no parameter: the state is finite.
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
-                f"stopped at step {self.step}.",
+                f"stopped at step {self.step}.{_culprits(rendered)}",
                 f"The last good state is in {self.folder.checkpoints}. Try lower learning rates "
                 "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA.",
             )
@@ -392,3 +392,14 @@ class Trainer:
         self.step = state["step"]
         self.walk.load_state_dict(state.get("walk"), self.step)
         self._checkpointed = self.walk.updates
+
+
+def _culprits(rendered: list[RenderedBatch]) -> str:
+    """A sentence on the loss terms of a step that are not finite; empty if all are."""
+    found = {
+        name: None  # In order, once each.
+        for item in rendered
+        for name, value in item.losses.items()
+        if not value.isfinite()
+    }
+    return f" Loss terms that are not finite: {', '.join(found)}." if found else ""

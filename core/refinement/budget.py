@@ -43,6 +43,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.refinement.contribution import Contributions
+from gsfw.core.refinement.refiners import checked_refiners
 from gsfw.core.refinement.view_losses import ViewLosses
 from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
@@ -329,7 +330,8 @@ def with_budget(strategy: StrategyConfig, scene: Scene) -> tuple[Refiner, ...]:
     Raises:
         ConfigError: the budget has none of its forms.
     """
-    size, found = BudgetSize.parse(strategy), strategy.refiners(scene)
+    size = BudgetSize.parse(strategy)
+    found = checked_refiners(f"{type(strategy).__name__}.refiners", strategy.refiners(scene))
     if not size.is_given:
         return found
     ends = [refiner.growth_ends for refiner in found if refiner.growth_ends is not None]

@@ -18,7 +18,33 @@ from gsfw.core.operators import Operators
 from gsfw.core.refiner import RESET, GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, Statistic
+from gsfw.core.returns import checked_mapping, checked_terms
 from gsfw.core.table import SplatTable
+
+
+def checked_refiners(source: str, found: object) -> tuple[Refiner, ...]:
+    """The refiners that a part returned.
+
+    Raises:
+        ConfigError: they are no sequence of named refiners.
+    """
+    if not isinstance(found, Sequence):
+        raise ConfigError(
+            f"{source} returned {type(found).__name__}, expected a tuple of refiners.",
+            "Return a tuple, such as (refiner,); () if there is none.",
+        )
+    for refiner in found:
+        if not isinstance(refiner, Refiner):
+            raise ConfigError(
+                f"{source} returned {type(refiner).__name__} among its refiners.",
+                "Derive its class from gsfw.api.Refiner.",
+            )
+        if not isinstance(getattr(refiner, "name", None), str):
+            raise ConfigError(
+                f"the refiner {type(refiner).__name__} has no name.",
+                'Write name = "..." in its class: the key of its state in checkpoints.',
+            )
+    return tuple(found)
 
 
 class Refiners:
@@ -63,7 +89,13 @@ class Refiners:
 
     def regularizers(self, context: StepContext) -> dict[str, Tensor]:
         """The terms of all refiners, by name."""
-        return {name: term for r in self for name, term in r.regularizers(context).items()}
+        return {
+            name: term
+            for refiner in self
+            for name, term in checked_terms(
+                f"{type(refiner).__name__}.regularizers", refiner.regularizers(context)
+            ).items()
+        }
 
     def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
         """Let every refiner attach its hooks."""
@@ -99,7 +131,12 @@ class Refiners:
             context = RefineContext(
                 step, steps, table, model, generator, limits, growth_due, dict(edits), operators
             )
-            found = refiner.refine(context)
+            found = checked_mapping(
+                f"{type(refiner).__name__}.refine",
+                refiner.refine(context),
+                "numbers of edits by verb",
+                'Return a mapping such as {"pruned": 3}; {} if nothing was edited.',
+            )
             edits.update(found)
             if table.row_edits != before:
                 for other in self:

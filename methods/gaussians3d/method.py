@@ -80,8 +80,8 @@ class StaticGaussiansMethod(Method):
         """
         if scene.is_dynamic and not self._ignore_time:
             raise ConfigError(
-                f"method '3dgs' is for static scenes, and {scene.name!r} was captured at "
-                f"{scene.num_times} different times.",
+                f"{self.registered_as or 'this method'} is for static scenes, and "
+                f"{scene.name!r} was captured at {scene.num_times} different times.",
                 "Use a dynamic method (gsfw plugins lists them), or ignore_time=true to train on "
                 "all times as if they were one; what moves becomes blurred.",
             )

@@ -153,6 +153,16 @@ def test_what_was_built_for_another_version_is_named_with_package_and_remedy():
     assert signature_problem(Sampler) == "Sampler lacks load_state_dict, next, peek, state_dict"
 
 
+def test_what_builds_nothing_is_named_with_its_package():
+    spec = Spec("none", "", "none:Config", distribution="gsfw-none", version="0.1")
+    with pytest.raises(PartError) as caught:
+        check_built("sampler", spec, None, Sampler)
+    assert caught.value.message == (
+        "sampler 'none' (gsfw-none 0.1) cannot be used: what it builds is NoneType, "
+        "expected a Sampler."
+    )
+
+
 def test_a_part_that_breaks_its_contract_is_left_out_and_all_others_work():
     class Plugin(FakePlugin):
         @hookimpl

@@ -34,7 +34,7 @@ def test_an_unexpected_error_is_one_sentence_and_a_file(capsys, tmp_path, monkey
     (path,) = tmp_path.iterdir()
     assert capsys.readouterr().err == (
         "error: gsfw failed unexpectedly: ZeroDivisionError: by zero\n"
-        f"The traceback is in {path}; --debug shows it here. This is a bug of gsfw.\n"
+        f"The traceback is in {path}; debug=true shows it here. This is a bug of gsfw.\n"
     )
     assert "ZeroDivisionError: by zero" in path.read_text()
 
@@ -47,7 +47,7 @@ def test_the_traceback_of_a_run_is_in_its_log(capsys, tmp_path):
     assert report(caught.value, Console(), debug=True) == 1
     said = capsys.readouterr().err
     assert "error: gsfw failed unexpectedly: ZeroDivisionError: by zero" in said
-    assert f"The traceback is in {folder.log}" in said
+    assert f"The traceback is in {folder.log}. This" in said
     assert "Traceback (most recent call last)" in said
 
 
@@ -58,6 +58,9 @@ class Failing:
 
     def observe(self):
         raise KeyError("losses")
+
+    def build(self):
+        raise ModuleNotFoundError("No module named 'lacking'", name="lacking.part")
 
 
 @pytest.fixture
@@ -82,6 +85,18 @@ def test_an_error_in_the_code_of_a_plugin_names_the_code_and_its_package(
         said,
     )
     assert "This is a bug of gsfw-failing, or it was made for another gsfw." in said
+
+
+def test_a_module_that_a_plugin_lacks_is_to_be_installed(
+    capsys, tmp_path, monkeypatch, failing_plugin
+):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(ModuleNotFoundError) as caught:
+        Failing().build()
+    report(caught.value, Console(), debug=False)
+    said = capsys.readouterr().err
+    assert "Install lacking (pip install lacking), which gsfw-failing needs." in said
+    assert "bug of" not in said
 
 
 def test_an_error_after_a_plugin_has_answered_names_the_plugins(

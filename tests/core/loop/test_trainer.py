@@ -14,7 +14,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split, Views
-from gsfw.core.errors import TrainingError
+from gsfw.core.errors import ConfigError, TrainingError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
@@ -274,7 +274,8 @@ def test_too_many_broken_steps_in_a_row_stop_the_run_with_advice(tmp_path):
     with pytest.raises(TrainingError) as caught:
         run.fit()
     assert str(caught.value) == (
-        "5 steps in a row had a loss or gradient that is not finite; stopped at step 12.\n"
+        "5 steps in a row had a loss or gradient that is not finite; stopped at step 12. "
+        "Loss terms that are not finite: poison.\n"
         f"The last good state is in {tmp_path / 'checkpoints'}. Try lower learning rates "
         "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA."
     )
@@ -288,6 +289,41 @@ def test_too_many_broken_steps_in_a_row_stop_the_run_with_advice(tmp_path):
 def test_broken_steps_that_are_not_in_a_row_do_not_stop_it(tmp_path):
     run = trainer(tmp_path, "none", Recorder(), poisoned=[2, 4, 6, 8], max_skipped=2, steps=10)
     assert run.fit()["skipped_steps"] == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda terms: None, "Wrong: losses returned NoneType, expected scalar tensors by name."),
+        (lambda terms: {}, "Wrong: losses returned no term."),
+        (
+            lambda terms: {"l1": terms["l1"].detach()},
+            "Wrong: losses returned l1 without gradients.",
+        ),
+    ],
+)
+def test_losses_of_a_wrong_form_are_named_in_the_first_step(tmp_path, change, message):
+    class Wrong(StaticGaussiansMethod):
+        def losses(self, context):
+            return change(super().losses(context))
+
+    run = trainer(tmp_path, "none", Recorder(), steps=2)
+    run.parts = replace(run.parts, method=Wrong(StaticGaussiansConfig(sh_degree=1)))
+    with pytest.raises(ConfigError) as caught:
+        run.fit()
+    assert caught.value.message == message
+    assert run.step == 0
+
+
+def test_view_metrics_that_are_no_mapping_are_named(tmp_path):
+    class Wrong(StaticGaussiansMethod):
+        def view_metrics(self, batch, rendered):
+            return 3
+
+    run = trainer(tmp_path, "none", Recorder(), steps=1)
+    run.parts = replace(run.parts, method=Wrong(StaticGaussiansConfig(sh_degree=1)))
+    with pytest.raises(ConfigError, match="Wrong: view_metrics returned int, expected numbers"):
+        run.fit()
 
 
 def test_views_of_several_sizes_share_a_step(tmp_path):

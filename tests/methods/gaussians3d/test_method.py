@@ -74,10 +74,14 @@ def test_a_capture_that_moves_is_refused_with_advice():
     with pytest.raises(ConfigError) as caught:
         StaticGaussiansConfig().build().check_scene(moving)
     assert str(caught.value) == (
-        "method '3dgs' is for static scenes, and 'toy' was captured at 12 different times.\n"
+        "this method is for static scenes, and 'toy' was captured at 12 different times.\n"
         "Use a dynamic method (gsfw plugins lists them), or ignore_time=true to train on all times "
         "as if they were one; what moves becomes blurred."
     )
+    method = StaticGaussiansConfig().build()
+    method.registered_as = "method 'mine' (gsfw-mine 0.1)"
+    with pytest.raises(ConfigError, match=r"^method 'mine' \(gsfw-mine 0\.1\) is for static"):
+        method.check_scene(moving)
     ignoring = StaticGaussiansConfig(ignore_time=True).build()
     ignoring.check_scene(moving)
     assert ignoring.notes(moving)[0] == "ignore_time=true: 12 times are treated as one."
