@@ -31,9 +31,10 @@ def test_the_document_has_a_record_for_each_case(capsys):
     assert refused["name"] == "input/skew"
     assert refused["refused"].startswith("cameras.intrinsics: expected no skew")
     assert refused["forward"] is None
+    none = {"failed": 0, "not_claimed": 0, "left_out": []}
     assert found["totals"] == [
-        {"backend": "reference", "dtype": "float32", "passed": 7, "failed": 0, "not_claimed": 0},
-        {"backend": "reference", "dtype": "float64", "passed": 6, "failed": 0, "not_claimed": 0},
+        {"backend": "reference", "dtype": "float32", "passed": 7, **none},
+        {"backend": "reference", "dtype": "float64", "passed": 6, **none},
     ]
     assert found["planes"] == []
 
