@@ -336,7 +336,8 @@ def check_rows(model: PrimitiveModel) -> None:
             raise ConfigError(
                 f"column {name!r} of {type(model).__name__} has {column.num_rows} rows, expected "
                 f"{model.num_rows} as {first!r} has.",
-                "Every column has one row for each splat: make it of that size.",
+                "Give every column one row for each splat: extra_columns(scene, count) returns "
+                "columns of count rows.",
             )
 
 

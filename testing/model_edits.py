@@ -10,7 +10,7 @@ from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.table import SplatTable
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
-from gsfw.testing.table_checks import check_start, check_table
+from gsfw.testing.table_checks import check_table
 
 ADVICE = "Return new rows for every name in columns(), as many as were asked for."
 
@@ -27,7 +27,6 @@ def _fresh(subject: Subject) -> tuple[DensifiableModel, SplatTable, Callable[[st
     model = parts.model
     if not isinstance(model, DensifiableModel):
         raise NotApplicable("its model is no DensifiableModel")
-    check_start(model, parts.optimizer)
     return model, parts.table, lambda when: check_table(model, parts.optimizer, when)
 
 

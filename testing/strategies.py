@@ -21,7 +21,7 @@ from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
-from gsfw.testing.table_checks import check_start, check_table
+from gsfw.testing.table_checks import check_table
 from gsfw.testing.trial import MOTION, Changes, Trial, difference, trial
 
 STEPS, HALF = 60, 40
@@ -94,7 +94,6 @@ def watched(trainer: Trainer, watch: TableWatch) -> list[int]:
         BrokenPromise: the rows of a step are not sound.
     """
     watch.trainer = trainer
-    check_start(trainer.parts.model, trainer.parts.optimizer)
     trainer.fit()
     if watch.broken is not None:
         raise watch.broken

@@ -11,27 +11,14 @@ ADVICE = (
     "value for every column of the model."
 )
 
-AT_START = (
-    "Give every column of a new model one row for each Gaussian: extra_columns(scene, count) "
-    "returns columns of count rows."
-)
 
-
-def check_start(model: PrimitiveModel, optimizer: Optimizer) -> None:
-    """Check the table of a model that no step and no edit has changed, as ``check_table`` does."""
-    check_table(model, optimizer, "before the first step", AT_START)
-
-
-def check_table(
-    model: PrimitiveModel, optimizer: Optimizer, when: str, advice: str = ADVICE
-) -> None:
+def check_table(model: PrimitiveModel, optimizer: Optimizer, when: str) -> None:
     """Check that all columns have as many rows, with moments of their shape, and are finite.
 
     Args:
         model: the model.
         optimizer: has the moments of its trained columns.
         when: the moment, as a phrase: "after step 3".
-        advice: the remedy for rows that do not fit.
 
     Raises:
         BrokenPromise: a column or its moments do not fit.
@@ -39,7 +26,7 @@ def check_table(
     columns = model.columns()
     counts = {name: column.num_rows for name, column in columns.items()}
     require(
-        len(set(counts.values())) <= 1, f"{when}, columns have different rows: {counts}.", advice
+        len(set(counts.values())) <= 1, f"{when}, columns have different rows: {counts}.", ADVICE
     )
     for name, column in columns.items():
         require(
@@ -53,5 +40,5 @@ def check_table(
                 moments.first.shape == column.values.shape == moments.second.shape,
                 f"{when}, column {name} has the shape {tuple(column.values.shape)}, and its "
                 f"moments {tuple(moments.first.shape)}.",
-                advice,
+                ADVICE,
             )

@@ -95,20 +95,28 @@ class Forward:
             render=render_view,
             contributions=contributions,
         )
+        return self._with_losses(context)
+
+    def _with_losses(self, context: StepContext) -> RenderedBatch:
+        """The batch with its terms, which are checked: those of plugins have any form.
+
+        Raises:
+            ConfigError: the method has no term, or one without gradients; names it.
+        """
+        parts = self._parts
         method = parts.method.registered_as or type(parts.method).__name__
         data_losses = checked_terms(f"{method}: losses", parts.method.losses(context))
         if not data_losses:
             raise ConfigError(f"{method}: losses returned no term.", HOW_TO_TERM)
+        source = f"{type(parts.model).__name__}.regularizers"
         terms = (
             data_losses,
-            checked_terms(
-                f"{type(parts.model).__name__}.regularizers", parts.model.regularizers(context)
-            ),
+            checked_terms(source, parts.model.regularizers(context)),
             parts.refiners.regularizers(context),
         )
         losses = {name: value for found in terms for name, value in found.items()}
         parts.refiners.before_backward(context, parts.model)
-        total = torch.stack(list(losses.values())).sum() * share
+        total = torch.stack(list(losses.values())).sum() * context.share
         if not total.requires_grad:
             raise ConfigError(
                 f"{method}: losses returned {', '.join(data_losses)} without gradients.",
@@ -135,3 +143,14 @@ class Forward:
         if not self._plan.random_background:
             return settings.background
         return torch.rand(3, generator=self._parts.generator, device=self._parts.device)
+
+
+def culprits(rendered: list[RenderedBatch]) -> str:
+    """A sentence on the loss terms of a step that are not finite; empty if all are."""
+    found = {
+        name: None  # In order, once each.
+        for item in rendered
+        for name, value in item.losses.items()
+        if not value.isfinite()
+    }
+    return f" Loss terms that are not finite: {', '.join(found)}." if found else ""

@@ -18,7 +18,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
-from gsfw.core.loop.forward import Forward, RenderedBatch
+from gsfw.core.loop.forward import Forward, RenderedBatch, culprits
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -279,7 +279,7 @@ class Trainer:
             self._checkpoint()  # Skipped steps change no parameter: the state is finite.
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
-                f"stopped at step {self.step}.{_culprits(rendered)}",
+                f"stopped at step {self.step}.{culprits(rendered)}",
                 f"The last good state is in {self.folder.checkpoints}. Try lower learning rates "
                 "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA.",
             )
@@ -392,14 +392,3 @@ class Trainer:
         self.step = state["step"]
         self.walk.load_state_dict(state.get("walk"), self.step)
         self._checkpointed = self.walk.updates
-
-
-def _culprits(rendered: list[RenderedBatch]) -> str:
-    """A sentence on the loss terms of a step that are not finite; empty if all are."""
-    found = {
-        name: None  # In order, once each.
-        for item in rendered
-        for name, value in item.losses.items()
-        if not value.isfinite()
-    }
-    return f" Loss terms that are not finite: {', '.join(found)}." if found else ""

@@ -95,11 +95,10 @@ def test_a_refused_scene_is_told_once_with_the_cause_of_each():
     assert found[Verdict.NOT_APPLICABLE].happened.startswith("not checked: ")
 
 
-def test_rows_that_are_wrong_from_the_start_are_told_apart_from_edits():
+def test_a_column_with_other_rows_from_the_start_is_named():
     subject = find_subject("method", "one-row-too-many", plugin=Plugin())
     (outcome,) = outcomes(subject, ("edits-keep-columns",))
-    assert outcome.happened.startswith("before the first step, columns have different rows")
-    assert "extra_columns" in outcome.change
+    assert "column 'more' of StaticGaussians has 81 rows, expected 80" in outcome.happened
 
 
 def test_the_remedy_for_a_stop_follows_what_was_raised():

@@ -232,5 +232,6 @@ def test_spikes_in_a_row_stop_the_run_with_advice_and_a_finite_checkpoint(tmp_pa
         run.fit()
     assert caught.value.message == (
         "3 steps in a row had a loss or gradient that is not finite; stopped at step 9."
+        + ("" if gradient_only else " Loss terms that are not finite: spike.")
     )
     check_finite(run)
