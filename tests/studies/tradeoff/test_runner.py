@@ -105,7 +105,7 @@ def test_sizes_are_those_of_the_files_that_the_commands_write(model, records, tm
     assert len(written) == 1 + 3 + 4 + 2 + 2
     for number, record in enumerate(written[::3]):
         verb, *words = record.command
-        out = tmp_path / f"{number}.bin"
+        out = tmp_path / f"{number}.ply"
         assert main([verb, run, *words, f"out={out}"]) == 0
         assert out.stat().st_size == record.file_bytes, record.name
 
