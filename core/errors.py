@@ -14,6 +14,9 @@ Answer = TypeVar("Answer")
 INNER_PACKAGES = frozenset({"gsfw", "torch", "jaxtyping", "beartype", *sys.stdlib_module_names})
 """Packages whose frames say nothing to those who call gsfw."""
 
+COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
+"""The advice where a file is damaged."""
+
 
 class UserError(Exception):
     """An error that the user can correct: shown as one message without a traceback, exit code 2.

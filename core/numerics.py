@@ -58,6 +58,9 @@ class NumericsProfile:
 
 
 DEFAULT = NumericsProfile()
+FAINTEST = DEFAULT.alpha_min * (1 - 1e-6)
+"""Least opacity of a splat that counts as visible: 1/255, less the rounding of a float32 logit.
+Formats with opacities of 8 bits have many splats of exactly 1/255."""
 GSPLAT_1_5 = NumericsProfile(name="gsplat-1.5", alpha_max=0.999, compensation_min=1e-6)
 """gsplat 1.5 has no floor of the compensation: 1e-6 keeps its derivative finite, and a splat with
 a compensation below 1 / 255 is not rendered."""

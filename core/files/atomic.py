@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from gsfw.core.errors import OutputError
 
@@ -46,18 +47,22 @@ def readable_write_errors(path: Path) -> Iterator[None]:
         raise
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that at every moment either the old or the complete new one exists.
+@contextmanager
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file for writing so that at every moment the old or the complete new one exists.
+
+    The file may be written part by part, and positions in it may be revisited (``seek``). An error
+    inside the block leaves the old file, if any, untouched.
 
     Raises:
-        OutputError: it cannot be written; the old file, if any, is untouched.
+        OutputError: it cannot be written.
     """
     with readable_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(handle, "wb") as file:
-                file.write(content)
+                yield file
                 file.flush()
                 os.fsync(file.fileno())
             os.chmod(name, 0o666 & ~_umask())
@@ -65,6 +70,16 @@ def write_atomically(path: Path, content: bytes) -> None:
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a whole file, as ``atomic_file`` does.
+
+    Raises:
+        OutputError: it cannot be written; the old file, if any, is untouched.
+    """
+    with atomic_file(path) as file:
+        file.write(content)
 
 
 def _umask() -> int:

@@ -69,14 +69,14 @@ class Forward:
         settings = self._with_refiners(base, step)
         background = settings.background
         assert background is not None
-        splats = parts.model.splats(batch.time, batch.cameras)
+        splats = parts.shown.splats(batch.time, batch.cameras)
         output = parts.rasterizer.render(splats, batch.cameras, settings)
-        rendered = parts.model.decode(output, batch.cameras)
+        rendered = parts.shown.decode(output, batch.cameras)
         bare = replace(base, statistics=frozenset(), contribution_weights=None)
 
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
-            splats = parts.model.splats(time, cameras)
-            return parts.model.decode(parts.rasterizer.render(splats, cameras, bare), cameras)
+            splats = parts.shown.splats(time, cameras)
+            return parts.shown.decode(parts.rasterizer.render(splats, cameras, bare), cameras)
 
         def contributions(weights: Float[Tensor, "c h w 1"]) -> Float[Tensor, "c m"]:
             return parts.rasterizer.contributions(splats, batch.cameras, weights, settings)

@@ -63,7 +63,7 @@ class Trainer:
         self._times = views.times
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
-        self._handle = ModelHandle(parts.model, parts.rasterizer, plan.settings)
+        self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
         self._verdict = Verdict(parts, plan, info.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
@@ -296,7 +296,7 @@ class Trainer:
         """The evaluation of the model as it is, with its findings."""
         parts = self.parts
         evaluation = evaluate(
-            parts.model,
+            parts.shown,
             parts.rasterizer,
             parts.data,
             parts.metrics,

@@ -66,3 +66,11 @@ class TrainingParts:
     reducer: Reducer = field(default_factory=Reducer)
     corrections: CaptureCorrections = field(default_factory=CaptureCorrections)
     """Trained corrections of the capture itself, apart from the model; usually none."""
+    rendered: PrimitiveModel | None = None
+    """A model that is rendered in place of it, such as the same with rounded columns; ``None``:
+    the model itself."""
+
+    @property
+    def shown(self) -> PrimitiveModel:
+        """The model that steps and evaluations render."""
+        return self.model if self.rendered is None else self.rendered

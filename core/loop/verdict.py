@@ -111,7 +111,7 @@ class Verdict:
         for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
             output = render_model(
-                parts.model, parts.rasterizer, batch.cameras, settings, batch.time
+                parts.shown, parts.rasterizer, batch.cameras, settings, batch.time
             )
             image, target = output.color[0], batch.target(settings.background)[0]
             valid = None if batch.valid is None else batch.valid[0]

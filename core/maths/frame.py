@@ -5,17 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from gsfw.core.maths.rotations import multiply_quaternions, quaternions_of
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import degree_of, rotate_sh
 from gsfw.core.splats import Sh, Splats
 
+CHUNK = 1 << 16
+"""Rows whose colours are rotated at once."""
+
 
 def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
     """Transform splats to the frame that ``similarity`` leads to; the result is float64.
 
-    View-dependent colours rotate with the frame.
+    View-dependent colours rotate with the frame, and keep their type: they are most of the memory.
     """
     rotation, scale = similarity.rotation, similarity.scale
     moved = Splats(
@@ -36,9 +41,19 @@ def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
         moved = replace(moved, quats=multiply_quaternions(turn, splats.quats.double()))
     if isinstance(splats.colors, Sh):
         stored = replace(splats.colors, degree=degree_of(splats.colors.width))
-        coefficients = rotate_sh(stored.dense().double(), rotation)
+        coefficients = _rotated(stored.dense(), rotation)
         moved = replace(moved, colors=Sh(coefficients, splats.colors.degree))
     return moved
+
+
+def _rotated(
+    coefficients: Float[Tensor, "n k 3"], rotation: Float[Tensor, "3 3"]
+) -> Float[Tensor, "n k 3"]:
+    """Rotated SH colours, computed in float64 by parts."""
+    if torch.equal(rotation, torch.eye(3).to(rotation)):
+        return coefficients
+    parts = coefficients.split(CHUNK)
+    return torch.cat([rotate_sh(part.double(), rotation).to(part) for part in parts])
 
 
 @torch.no_grad()

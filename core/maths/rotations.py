@@ -7,7 +7,7 @@ its results, to the bit.
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float, Int16
+from jaxtyping import Float, Float64, Int16
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -18,6 +18,10 @@ LEVELS = 32767
 
 SMALLEST_ANGLE = 1e-4
 """In radians; below it sin(x) / x is 1 in float32, and 1 - 2e-9 in float64."""
+
+UNIT = 1e-6
+"""Quaternions as near to unit length as this are left unchanged: rounding to float32 changes them
+by less, and another normalisation would change their last bits."""
 
 
 def rotation_matrices(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3 3"]:
@@ -50,6 +54,14 @@ def _entries(w: Tensor, x: Tensor, y: Tensor, z: Tensor) -> tuple[Tensor, ...]:
         *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
+
+
+def unit_quaternions(quats: Float64[Tensor, "n 4"]) -> Float64[Tensor, "n 4"]:
+    """Quaternions of unit length; those of length 0 become the identity."""
+    lengths = quats.norm(dim=1, keepdim=True)
+    unit = torch.where((lengths - 1).abs() < UNIT, quats, quats / lengths)
+    identity = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
+    return torch.where(lengths < QUATERNION_MIN_NORM, identity, unit)
 
 
 def quaternions_of(rotations: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 4"]:

@@ -105,3 +105,14 @@ def rotate_sh(
             "jk,nkd->njd", matrix.to(coefficients), coefficients[:, columns]
         )
     return turned
+
+
+def mirror_signs(degree: int, signs: tuple[float, float, float]) -> Float[Tensor, " k"]:
+    """The signs by which mirrored axes multiply the coefficients; k = (degree + 1) squared.
+
+    Each basis function is even or odd in each coordinate, so that f'(S d) = f(d), with S the
+    diagonal matrix of ``signs``, needs no more than a sign for each coefficient.
+    """
+    direction = torch.tensor([0.36, 0.48, 0.8], dtype=torch.float64)
+    before, after = sh_basis(degree, direction), sh_basis(degree, direction * torch.tensor(signs))
+    return (before * after).sign()

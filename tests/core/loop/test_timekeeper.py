@@ -86,7 +86,7 @@ def test_a_plan_that_was_right_is_left_alone():
     assert found.updates == 2000
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @example(before=0.125, after=0.006, change_at=0.75, ending=0.0, growth=1.0)
 @given(
     before=st.floats(0.004, 0.2),
