@@ -1,14 +1,14 @@
 """ArrayArchive: a JSON header and named arrays in one file that numpy.load reads directly.
 
-A ZIP archive whose entries are not compressed: ``header.json``, then one ``.npy`` file of version
-1.0 per array. Reading needs no more memory than the size of the file, whatever its header states,
-and runs no code: pickled objects are refused.
+A ZIP archive whose entries are not compressed: ``header.json``, or ``header.json.xz`` in small
+files, then one ``.npy`` file of version 1.0 per array. Reading needs no more memory than the size
+of the file, whatever its header states, and runs no code: pickled objects are refused.
 """
 
 from __future__ import annotations
 
-import io
 import json
+import lzma
 import math
 import re
 import struct
@@ -20,10 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from gsfw.core.errors import DataError, UserError
-from gsfw.core.files.atomic import write_atomically
+from gsfw.core.errors import COPY_AGAIN, DataError, UserError
+from gsfw.core.files.atomic import atomic_file
 
-HEADER = "header.json"
+HEADER, SHORT_HEADER = "header.json", "header.json.xz"
+EXPANSION, SMALL = 64, 1 << 16
+"""A short header has at most ``EXPANSION`` characters for each of its bytes, and ``SMALL`` ones."""
+MOST_MEMORY = 1 << 26
+"""Memory of XZ's decoder, in bytes; its usual settings need a seventh of it."""
 SUFFIX = ".npy"
 DTYPES = ("<f2", "<f4", "<f8", "|i1", "<i2", "<i4", "<i8", "|u1", "|b1")
 """Number types of the format: little-endian, in numpy's spelling."""
@@ -56,8 +60,6 @@ MALFORMED = (
 PLY = (b"ply\n", b"ply\r")
 """The beginnings of a PLY file."""
 
-COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
-
 
 @dataclass(frozen=True)
 class ArrayArchive:
@@ -67,28 +69,41 @@ class ArrayArchive:
     """Plain data."""
     arrays: Mapping[str, np.ndarray]
     """Arrays by name, in the order of the file; read-only."""
+    short: bool = False
+    """True to write the header with XZ."""
 
 
 def write_archive(path: Path, content: ArrayArchive) -> None:
-    """Write the file atomically.
+    """Write the file atomically, array by array: no second copy of an array is made.
 
     Raises:
         OutputError: it cannot be written.
         ValueError: the format has no such type or name of an array.
     """
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as file:
-        text = json.dumps(content.header, indent=1, allow_nan=False)
-        file.writestr(_entry(HEADER), text.encode())
+    with atomic_file(path) as target, zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as file:
+        file.writestr(*_header(content))
         for name, array in content.arrays.items():
             if not NAME.fullmatch(name):
                 raise ValueError(f"{name!r} cannot be the name of an array")
             if array.dtype.str not in DTYPES:
                 raise ValueError(f"{name} is of type {array.dtype}")
-            stored = io.BytesIO()
-            np.lib.format.write_array(stored, array, version=(1, 0), allow_pickle=False)
-            file.writestr(_entry(name + SUFFIX), stored.getbuffer())
-    write_atomically(path, buffer.getvalue())
+            entry = _entry(name + SUFFIX)
+            # The size decides before the first byte whether the entry is one of more than 4 GB.
+            entry.file_size = array.nbytes + PREFIX
+            with file.open(entry, "w") as stored:
+                np.lib.format.write_array(stored, array, version=(1, 0), allow_pickle=False)
+
+
+def _header(content: ArrayArchive) -> tuple[zipfile.ZipInfo, bytes]:
+    """The entry of the header."""
+    if not content.short:
+        text = json.dumps(content.header, indent=1, allow_nan=False)
+        return _entry(HEADER), text.encode()
+    text = json.dumps(content.header, separators=(",", ":"), allow_nan=False)
+    short = lzma.compress(text.encode())
+    if len(text) > EXPANSION * len(short) + SMALL:
+        return _entry(HEADER), text.encode()
+    return _entry(SHORT_HEADER), short
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
@@ -116,6 +131,24 @@ def read_archive(path: Path, header_only: bool = False) -> ArrayArchive:
         raise DataError(f"{path} is damaged: {problem}.", COPY_AGAIN) from error
 
 
+def array_bytes(path: Path) -> dict[str, int]:
+    """Bytes of each array in a file, by name.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            entries = file.infolist()
+    except (OSError, *MALFORMED) as error:
+        raise DataError(f"{path} cannot be read: {error}.", COPY_AGAIN) from error
+    return {
+        entry.filename.removesuffix(SUFFIX): entry.file_size
+        for entry in entries
+        if entry.filename.endswith(SUFFIX)
+    }
+
+
 def _check_is_no_ply(path: Path) -> None:
     """Refuse a splat file under another name as what it is.
 
@@ -133,12 +166,14 @@ def _check_is_no_ply(path: Path) -> None:
 def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:
     entries = file.infolist()
     _check_entries(entries, path.stat().st_size)
-    if HEADER not in {entry.filename for entry in entries}:
+    names = {entry.filename for entry in entries}
+    if not names & {HEADER, SHORT_HEADER}:
         raise DataError(
             f"{path} is no archive of arrays: it holds no {HEADER}.",
             "Give a file that gsfw export RUN format=gsfw has written.",
         )
-    header = json.loads(file.read(HEADER))
+    short = HEADER not in names
+    header = json.loads(_expanded(file.read(SHORT_HEADER)) if short else file.read(HEADER))
     if not isinstance(header, dict):
         raise ValueError(f"{HEADER} holds a {type(header).__name__}, not an object")
     arrays: dict[str, np.ndarray] = {}
@@ -146,7 +181,19 @@ def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:
         name = entry.filename.removesuffix(SUFFIX)
         if name != entry.filename:
             arrays[name] = _array(name, file.read(entry))
-    return ArrayArchive(header, arrays)
+    return ArrayArchive(header, arrays, short)
+
+
+def _expanded(short: bytes) -> bytes:
+    """A header that was written with XZ, unless it is larger than any of its size should be."""
+    decoder = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=MOST_MEMORY)
+    try:
+        text = decoder.decompress(short, max_length=EXPANSION * len(short) + SMALL)
+    except lzma.LZMAError as error:
+        raise ValueError(f"{SHORT_HEADER}: {error}") from error
+    if not decoder.eof:
+        raise ValueError(f"{SHORT_HEADER} is cut short, or far larger than its {len(short)} bytes")
+    return text
 
 
 def _check_entries(entries: list[zipfile.ZipInfo], size: int) -> None:
@@ -157,7 +204,8 @@ def _check_entries(entries: list[zipfile.ZipInfo], size: int) -> None:
     for entry in entries:
         if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & ENCRYPTED:
             raise ValueError(f"{entry.filename} is compressed or encrypted, which none should be")
-    if sum(entry.file_size for entry in entries) > size:
+    # Both sizes are read: zipfile makes room for the stored one.
+    if sum(max(entry.file_size, entry.compress_size) for entry in entries) > size:
         raise ValueError("its entries announce more bytes than the file has")
 
 

@@ -9,9 +9,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.datamanager import Split
-from gsfw.core.exchange import SplatFile
+from gsfw.core.exchange import SplatFile, StoredModel
+from gsfw.core.files.size import bytes_of
 from gsfw.core.splats import Sh
-from gsfw.formats.model_file import read_model_header
+from gsfw.formats.array_archive import array_bytes
+from gsfw.formats.model_file import ROWS, Precision, read_model_header
+from gsfw.formats.model_header import CODED, STATE
 
 SHOWN = ("strategy", "steps", "seed", "sh_degree", "downscale", "profile")
 """The settings that distinguish models; the header has them all."""
@@ -21,11 +24,11 @@ def describe_splats(path: Path, form: str, content: SplatFile) -> dict[str, Any]
     """The document of a splat file.
 
     Args:
-        path: the file.
+        path: the file, or the folder.
         form: its format, as the name of an importer.
         content: content of the file; at least one splat.
     """
-    splats, size = content.splats, path.stat().st_size
+    splats, size = content.splats, bytes_of(path)
     low, high = splats.means.amin(dim=0), splats.means.amax(dim=0)
     scales = splats.scales
     assert scales is not None
@@ -34,6 +37,8 @@ def describe_splats(path: Path, form: str, content: SplatFile) -> dict[str, Any]
         "path": str(path),
         "format": form,
         "num_gaussians": len(splats),
+        "num_dropped": content.num_dropped,
+        "notes": list(content.notes()),
         "sh_degree": splats.colors.degree if isinstance(splats.colors, Sh) else None,
         "bytes": size,
         "bytes_per_splat": round(size / len(splats), 1),
@@ -67,6 +72,7 @@ def describe_model(path: Path) -> dict[str, Any]:
     """
     model, header = read_model_header(path)
     scene, size = model.scene, path.stat().st_size
+    coded = header.get(CODED, {"precision": Precision.FLOAT32.value})
     return {
         "kind": "model file",
         "path": str(path),
@@ -76,6 +82,8 @@ def describe_model(path: Path) -> dict[str, Any]:
         "steps_done": model.step,
         "bytes": size,
         "bytes_per_splat": round(size / max(model.rows, 1), 1),
+        "precision": coded["precision"],
+        "bytes_per_splat_of": _parts(path, model, size),
         "columns": list(model.columns),
         "scene": {
             "name": scene.name,
@@ -92,3 +100,16 @@ def describe_model(path: Path) -> dict[str, Any]:
             "package": f"{model.distribution} {model.distribution_version}".strip(),
         },
     }
+
+
+def _parts(path: Path, model: StoredModel, size: int) -> dict[str, float]:
+    """Bytes of a model file for each Gaussian: by column, of the rows together, and of the rest."""
+    held, parts = array_bytes(path), {}
+    if ROWS in held:
+        parts["positions and order"] = held[ROWS]
+    for name, column in model.columns.items():
+        stored = [STATE + part for part in (column.values, column.offsets) if part]
+        if any(part in held for part in stored):
+            parts[name] = sum(held.get(part, 0) for part in stored)
+    parts["rest of the file"] = size - sum(parts.values())
+    return {name: round(count / max(model.rows, 1), 2) for name, count in parts.items()}

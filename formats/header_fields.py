@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,12 @@ class HeaderFields:
     where: str
     """Path of the object: "scene", "cameras[3]"; empty for the header itself."""
     values: Mapping[str, Any]
+    remedy: str = "It was not written by gsfw, or was changed since; export the model again."
+    """The next action after a wrong value, for messages."""
 
     def _find(self, name: str) -> Any:  # noqa: ANN401 - plain data of any kind
         if name not in self.values:
-            raise DataError(f"{self.path}: its header has no {self._place(name)}.", BROKEN)
+            raise DataError(f"{self.path}: its header has no {self._place(name)}.", self.remedy)
         return self.values[name]
 
     def _place(self, name: str) -> str:
@@ -39,7 +41,7 @@ class HeaderFields:
         found = found if len(found) <= 60 else f"{found[:57]}..."
         return DataError(
             f"{self.path}: {self._place(name)} of its header: expected {expected}, found {found}.",
-            BROKEN,
+            self.remedy,
         )
 
     def text(self, name: str) -> str:
@@ -90,12 +92,19 @@ class HeaderFields:
         """True if there is no value under this name."""
         return self._find(name) is None
 
+    def texts(self, name: str) -> list[str]:
+        """A list of texts."""
+        value = self._find(name)
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self._refuse(name, "a list of texts")
+        return value
+
     def fields(self, name: str) -> HeaderFields:
         """An object."""
         value = self._find(name)
         if not isinstance(value, dict):
             raise self._refuse(name, "an object")
-        return HeaderFields(self.path, self._place(name), value)
+        return replace(self, where=self._place(name), values=value)
 
     def objects(self, name: str) -> list[HeaderFields]:
         """A list of objects."""
@@ -103,12 +112,12 @@ class HeaderFields:
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self._refuse(name, "a list of objects")
         return [
-            HeaderFields(self.path, f"{self._place(name)}[{index}]", item)
+            replace(self, where=f"{self._place(name)}[{index}]", values=item)
             for index, item in enumerate(value)
         ]
 
 
-BROKEN = "It was not written by gsfw, or was changed since; export the model again."
+BROKEN = HeaderFields.remedy
 
 
 def _is_number(value: object) -> bool:

@@ -7,13 +7,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
-from gsfw.core.exchange import StoredColumn, StoredModel
+from gsfw.core.exchange import StoredColumn, StoredModel, stated_up
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import RenderSettings
@@ -21,18 +22,26 @@ from gsfw.core.scene import Scene
 from gsfw.formats.header_fields import BROKEN, HeaderFields
 
 FORMAT = "gsfw model"
-VERSION = 1
-"""Version of the layout; raised when an older gsfw could not read a newer file."""
+VERSION, PLAIN = 2, 1
+"""Version of the layout; raised when an older gsfw could not read a newer file. Files whose arrays
+are the state as it is are written in the version that every gsfw reads."""
+CODED = "coded"
+"""Field of the header that says how the state is stored; missing if it is stored as it is."""
 STATE = "state/"
 """Folder of the arrays of the model's state."""
 
 
-def write_header(model: StoredModel) -> dict[str, Any]:
-    """The header of a model file."""
+def write_header(model: StoredModel, coded: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The header of a model file.
+
+    Args:
+        model: in the file.
+        coded: how its state is stored; ``None`` as it is.
+    """
     render, scene = model.render, model.scene
     return {
         "format": FORMAT,
-        "version": VERSION,
+        "version": PLAIN if coded is None else VERSION,
         "gsfw": version("gsfw"),
         "method": {
             "name": model.method,
@@ -60,6 +69,7 @@ def write_header(model: StoredModel) -> dict[str, Any]:
         "settings": dict(model.settings),
         "splits": {split.value: views.origin for split, views in model.views.items()},
         **_maps_document(model.views[Split.TRAIN]),
+        **({} if coded is None else {CODED: dict(coded)}),
         "cameras": [
             _camera_document(split, name, camera)
             for split, views in model.views.items()
@@ -92,7 +102,7 @@ def _scene_document(scene: Scene) -> dict[str, Any]:
 
 def _camera_document(split: Split, name: str, camera: Cameras) -> dict[str, Any]:
     def first(values: torch.Tensor | None) -> Any:  # noqa: ANN401 - a number, or a list
-        return None if values is None else values[0].tolist()
+        return None if values is None else _shortest(values[0].tolist())
 
     return {
         "name": name,
@@ -105,6 +115,13 @@ def _camera_document(split: Split, name: str, camera: Cameras) -> dict[str, Any]
         "time": first(camera.time),
         "camera_index": first(camera.camera_index),
     }
+
+
+def _shortest(value: Any) -> Any:  # noqa: ANN401 - a number, or a list
+    """Numbers of float32 with the fewest digits that are read back as the same float32."""
+    if isinstance(value, list):
+        return [_shortest(item) for item in value]
+    return float(str(np.float32(value))) if isinstance(value, float) else value
 
 
 def read_header(
@@ -179,7 +196,7 @@ def _scene(fields: HeaderFields, views: Mapping[Split, Views]) -> Scene:
         time_range=None if times is None else (float(times[0]), float(times[1])),
         num_times=fields.count("num_times"),
         has_alpha=fields.flag("has_alpha"),
-        up=fields.text("up"),
+        up=stated_up(fields.text("up")),
     )
 
 

@@ -3,54 +3,71 @@
 Opacities are stored as logits, scales as natural logarithms, rotations as unit wxyz, SH
 coefficients channel by channel (all of red, then green, then blue). Tags are comments: Brush's and
 splat-transform's ``SplatRenderMode``, Postshot's ``antialiased``, nerfstudio's ``Vertical axis``.
-
-plyfile is GPL-3.0-or-later, gsfw is Apache-2.0: the README lists its uses.
 """
 
 from __future__ import annotations
 
-import io
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-import torch
-from jaxtyping import Float, Float64
-from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
-from torch import Tensor
+from jaxtyping import Float
 
-from gsfw.core.errors import DataError
-from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile
-from gsfw.core.files.atomic import write_atomically
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile, stated_up
+from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.ply_file import PlyHeader, Rows, is_ply, ply_header, read_ply_header
+from gsfw.core.splats import Splats
+from gsfw.formats.stored_rows import StoredRows, gathered, stored_parts
 
-MIN_LOGIT, MAX_LOGIT = -110.0, 20.0
-"""Logits of opacities 0 and 1. Both are read back as 0 and 1 in float32, and every logit between
-them survives sigmoid and logit in float64 to the last float32 bit; larger ones do not."""
-MIN_LOG_SCALE = -110.0
-"""Logarithm of a scale of 0; exp of it is 0 in float32."""
-UNIT = 1e-6
-"""Quaternions as near to unit length as this are stored and read unchanged: rounding to float32
-changes them by less, and another normalisation would change their last bits."""
-MAX_HEADER = 1 << 16
-"""Longest header in bytes; the longest known layout has 3,000."""
 REST_COUNTS = (0, 9, 24, 45, 72)
 """Numbers of ``f_rest`` properties at SH degree 0 to 4."""
-MEANS, DC = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
+MEANS, NORMALS, DC = ("x", "y", "z"), ("nx", "ny", "nz"), ("f_dc_0", "f_dc_1", "f_dc_2")
 SCALES, QUATS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
-REQUIRED = (*MEANS, *DC, "opacity", *SCALES, *QUATS)
+OPACITY = ("opacity",)
+REQUIRED = (*MEANS, *DC, *OPACITY, *SCALES, *QUATS)
+PACKED = "packed_position"
+"""A property of compressed PLY files, which have an importer of their own."""
 
-MALFORMED = (PlyParseError, ValueError, KeyError, IndexError, OverflowError, MemoryError)
-"""Errors of plyfile on malformed files."""
+COLUMNS = {
+    "means": MEANS,
+    "normals": NORMALS,
+    "dc": DC,
+    "rest": tuple(f"f_rest_{index}" for index in range(REST_COUNTS[-1])),
+    "logits": OPACITY,
+    "log_scales": SCALES,
+    "quats": QUATS,
+}
+"""The properties of each part of a record."""
+ORDERS: Mapping[str, tuple[str, ...]] = {
+    "reference": ("means", "normals", "dc", "rest", "logits", "log_scales", "quats"),
+    "brush": ("means", "log_scales", "logits", "quats", "dc", "rest"),
+}
+"""The order of the parts by the name of the option."""
 
 
+@dataclass(frozen=True)
 class PlyExporter(Exporter):
-    """Writes the reference layout, binary little-endian, normals included."""
+    """Writes binary, little-endian files."""
 
     suffix = ".ply"
+
+    order: Literal["reference", "brush"] = "reference"
+    """Order of the properties: that of the reference implementation, with normals of zero, which
+    every tool reads; or brush: that of Brush, without normals, 12 bytes a splat less, for Brush and
+    for tools that read properties by their names."""
+
+    def __post_init__(self) -> None:
+        """Check the options.
+
+        Raises:
+            ConfigError: there is no such order.
+        """
+        if self.order not in ORDERS:
+            raise ConfigError(f"format.order={self.order}: expected {' or '.join(ORDERS)}.")
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; bands above the active SH degree are omitted.
@@ -60,66 +77,58 @@ class PlyExporter(Exporter):
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
         content = source.splat_file()
-        names, table = _table(content.splats)
-        rows = np.ascontiguousarray(table, dtype="<f4").view([(name, "<f4") for name in names])
-        vertex = PlyElement.describe(rows[:, 0], "vertex")
-        buffer = io.BytesIO()
-        PlyData([vertex], byte_order="<", comments=_comments(content)).write(buffer)
-        write_atomically(path, buffer.getvalue())
+        with atomic_file(path) as file:
+            for number, part in enumerate(stored_parts(content.splats)):
+                if number == 0:
+                    file.write(self._header(content, part.degree))
+                file.write(self._records(part).data)
+
+    def _header(self, content: SplatFile, degree: int) -> bytes:
+        counts = {"rest": REST_COUNTS[degree]}
+        names = [name for key in ORDERS[self.order] for name in COLUMNS[key][: counts.get(key)]]
+        vertices = (len(content.splats), [("float", name) for name in names])
+        return ply_header(splat_comments(content, degree), {"vertex": vertices})
+
+    def _records(self, part: StoredRows) -> Float[np.ndarray, "n properties"]:
+        """The records of some splats, in the order of the header."""
+        count = len(part)
+        parts = {
+            "means": part.means,
+            "normals": np.zeros((count, 3)),
+            "dc": part.dc,
+            "rest": part.rest.transpose(0, 2, 1).reshape(count, REST_COUNTS[part.degree]),
+            "logits": part.logits[:, None],
+            "log_scales": part.log_scales,
+            "quats": part.quats,
+        }
+        columns = [parts[key] for key in ORDERS[self.order]]
+        return np.concatenate(columns, axis=1, dtype="<f4", casting="same_kind")
 
 
-def _table(splats: Splats) -> tuple[list[str], Float[np.ndarray, "n properties"]]:
-    """Names and stored values of every property, in the reference order."""
-    colors, quats, scales = splats.colors, splats.quats, splats.scales
-    if not isinstance(colors, Sh) or quats is None or scales is None:
-        raise ValueError("a PLY holds splats in quats-and-scales form with SH colours")
-    coefficients = colors.dense().double()
-    rest = coefficients[:, 1:].transpose(1, 2).flatten(1)
-    opacities = splats.opacities.double()
-    logits = (opacities.log() - (-opacities).log1p()).clamp(MIN_LOGIT, MAX_LOGIT)
-    fields: list[tuple[str, Sequence[str], Tensor, Tensor]] = [
-        ("means", MEANS, splats.means, splats.means),
-        ("normals", ("nx", "ny", "nz"), torch.zeros_like(splats.means), splats.means),
-        ("colors", DC, coefficients[:, 0], coefficients[:, 0]),
-        ("colors", [f"f_rest_{index}" for index in range(rest.shape[1])], rest, rest),
-        ("opacities", ["opacity"], logits[:, None], opacities[:, None]),
-        ("scales", SCALES, scales.double().log().clamp_min(MIN_LOG_SCALE), scales),
-        ("quats", QUATS, _unit(quats.double()), quats),
-    ]
-    for field, _, stored, given in fields:
-        _check_storable(field, stored.float(), given)
-    names = [name for _, group, _, _ in fields for name in group]
-    return names, torch.cat([stored.float() for _, _, stored, _ in fields], dim=1).cpu().numpy()
-
-
-def _check_storable(field: str, stored: Float[Tensor, "n p"], given: Float[Tensor, "n q"]) -> None:
-    """Refuse NaN, infinities, overflows of float32, and opacities or scales out of range."""
-    bad = (~stored.isfinite().all(dim=1)).nonzero()[:, 0]
-    if len(bad):
-        row = int(bad[0])
-        values = ", ".join(f"{value:g}" for value in given[row].tolist())
-        raise ValueError(
-            f"{field}: row {row} is {values}, which a PLY cannot hold ({len(bad)} such rows)"
-        )
-
-
-def _unit(quats: Float64[Tensor, "n 4"]) -> Float64[Tensor, "n 4"]:
-    """Quaternions of unit length; those of length 0 become the identity."""
-    lengths = quats.norm(dim=1, keepdim=True)
-    unit = torch.where((lengths - 1).abs() < UNIT, quats, quats / lengths)
-    identity = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64, device=quats.device)
-    return torch.where(lengths < 1e-12, identity, unit)
-
-
-def _comments(content: SplatFile) -> list[str]:
-    assert isinstance(content.splats.colors, Sh)
+def splat_comments(content: SplatFile, degree: int) -> list[str]:
+    """The tags of a file, as other tools write and read them."""
+    up = stated_up(content.up)  # Other text might end the line, and go on with a header of its own.
     return [
         f"Generated by gsfw {version('gsfw')}",
         f"SplatRenderMode: {'mip' if content.antialiased else 'default'}",
         f"antialiased {int(content.antialiased)}",
-        f"SH degree: {content.splats.colors.degree}",
-        *([f"Vertical axis: {content.up}"] if content.up else []),
+        f"SH degree: {degree}",
+        *([f"Vertical axis: {up}"] if up else []),
     ]
+
+
+def comment_tags(header: PlyHeader) -> dict[str, str]:
+    """Comments of the form "key: value", "key:value" or "key value", in lower case.
+
+    The value is the last word. Takes time in proportion to the header, whatever stands in it.
+    """
+    tags: dict[str, str] = {}
+    for text in header.comments:
+        words = text.lower().rsplit(maxsplit=1)
+        pair = words[0].split(":", 1) if len(words) == 1 else words
+        if len(pair) == 2:
+            tags[pair[0].rstrip(": ")] = pair[1]
+    return tags
 
 
 class PlyImporter(Importer):
@@ -128,11 +137,7 @@ class PlyImporter(Importer):
     @classmethod
     def recognises(cls, path: Path) -> bool:
         """True for every PLY, so that one without splats is refused with its own reason."""
-        try:
-            with path.open("rb") as file:
-                return file.read(4) in (b"ply\n", b"ply\r")
-        except OSError:
-            return False
+        return is_ply(path) and not is_packed(path)
 
     def read(self, path: Path) -> SplatFile:
         """Read the file.
@@ -140,124 +145,47 @@ class PlyImporter(Importer):
         Raises:
             DataError: it is damaged, no PLY, or holds other content than 3D Gaussians.
         """
-        header = _read_header(path)
-        degree = _check_layout(path, header)
-        _check_size(path, header)
-        try:
-            rows = PlyData.read(str(path))["vertex"].data
-        except MALFORMED as error:
-            raise DataError(f"{path} is a damaged PLY: {_in_words(error)}.", _COPY) from error
-        splats = _Columns(path, rows).splats(degree)
-        tags = header.tags()
-        mip = tags.get("splatrendermode") == "mip" or tags.get("antialiased") == "1"
-        return SplatFile(
-            splats,
-            antialiased=mip,
-            up=tags.get("vertical axis", ""),
-            properties={
-                "encoding": header.encoding,
-                **({"comments": "; ".join(header.comments)} if header.comments else {}),
-            },
-        )
+        header = read_ply_header(path)
+        degree = _check_layout(header)
+        parts = (_stored(rows, degree) for rows in header.rows("vertex"))
+        count = header.elements["vertex"].count
+        return splat_file(header, *gathered(path, count, degree, parts))
 
 
-_COPY = "It may have been cut short or changed in copying; get it again."
-
-
-@dataclass(frozen=True)
-class _Header:
-    """The header of a file."""
-
-    encoding: str
-    comments: tuple[str, ...]
-    properties: Mapping[str, tuple[str, ...]]
-    """Names of the properties of each element."""
-    lists: frozenset[str]
-    """Names of properties that are lists."""
-    counts: Mapping[str, int]
-    row_bytes: Mapping[str, int]
-    """Least bytes that a row of each element takes."""
-    data_bytes: int
-    """Bytes after the header."""
-
-    def tags(self) -> dict[str, str]:
-        """Comments of the form "key: value" or "key value", in lower case."""
-        pairs = (re.fullmatch(r"(.+?)(?::\s*|\s+)(\S+)", text.strip()) for text in self.comments)
-        return {pair[1].lower(): pair[2].lower() for pair in pairs if pair}
-
-
-def _read_header(path: Path) -> _Header:
-    """Read the header alone: allocates nothing for its announced rows."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(MAX_HEADER)
-        size = path.stat().st_size
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
-    if not start.startswith((b"ply\n", b"ply\r")):
-        raise DataError(f"{path} is not a PLY file: it does not begin with 'ply'.")
-    end = re.search(rb"[\r\n]end_header(\r\n|\n|\r)", start)
-    if end is None:
-        raise DataError(f"{path} is a damaged PLY: its header does not end.", _COPY)
-    counts: list[int] = []
-
-    def without_rows(element: re.Match[bytes]) -> bytes:
-        counts.append(int(element[2]))
-        return element[1] + b"0"
-
-    try:
-        text = re.sub(
-            rb"([\r\n]element[ \t]+\S+[ \t]+)(\d+)(?=\s)", without_rows, start[: end.end()]
-        )
-        parsed = PlyData.read(io.BytesIO(text))
-    except MALFORMED as error:
-        raise DataError(f"{path} is a damaged PLY: {_in_words(error)}.", _COPY) from error
-    return _header(parsed, counts, size - end.end())
-
-
-def _header(parsed: PlyData, counts: Sequence[int], data_bytes: int) -> _Header:
-    elements = parsed.elements
-    order = {"<": "binary, little-endian", ">": "binary, big-endian"}
-    every = [item for element in elements for item in element.properties]
-    comments = [*parsed.comments, *(text for element in elements for text in element.comments)]
-    return _Header(
-        encoding="text" if parsed.text else order.get(parsed.byte_order, "binary"),
-        comments=tuple(comments),
-        properties={e.name: tuple(item.name for item in e.properties) for e in elements},
-        lists=frozenset(item.name for item in every if isinstance(item, PlyListProperty)),
-        counts={e.name: count for e, count in zip(elements, counts, strict=True)},
-        row_bytes={e.name: _least_bytes(e, parsed.text) for e in elements},
-        data_bytes=data_bytes,
+def splat_file(header: PlyHeader, splats: Splats, dropped: int) -> SplatFile:
+    """The content of a file with its tags."""
+    tags = comment_tags(header)
+    orders = {"": "text", "<": "binary, little-endian", ">": "binary, big-endian"}
+    comments = {"comments": "; ".join(header.comments)} if header.comments else {}
+    return SplatFile(
+        splats,
+        antialiased=tags.get("splatrendermode") == "mip" or tags.get("antialiased") == "1",
+        up=stated_up(tags.get("vertical axis")),
+        properties={"encoding": orders[header.order], **comments},
+        num_dropped=dropped,
     )
 
 
-def _least_bytes(element: PlyElement, text: bool) -> int:
-    """Least size of a row: a number in a text has a digit and a blank, a list its count."""
-    if text:
-        return 2 * len(element.properties)
-    return sum(
-        1 if isinstance(item, PlyListProperty) else np.dtype(item.dtype()).itemsize
-        for item in element.properties
-    )
+def is_packed(path: Path) -> bool:
+    """True if a file is a compressed PLY; never raises."""
+    try:
+        return PACKED in read_ply_header(path).names("vertex")
+    except DataError:
+        return False
 
 
-def _check_layout(path: Path, header: _Header) -> int:
+def _check_layout(header: PlyHeader) -> int:
     """Refuse content that is no set of 3D Gaussians; return the SH degree."""
-    names = header.properties.get("vertex", ())
-    if "packed_position" in names:
-        raise DataError(
-            f"{path} is a compressed PLY of SuperSplat or PlayCanvas, which is not read here.",
-            "Convert it first: npx @playcanvas/splat-transform IN.compressed.ply OUT.ply",
-        )
+    path, names = header.path, header.names("vertex")
     missing = [name for name in REQUIRED if name not in names]
-    if not set(missing) & {*MEANS} and set(missing) >= {*SCALES, *QUATS, "opacity"}:
+    if not set(missing) & {*MEANS} and set(missing) >= {*SCALES, *QUATS, *OPACITY}:
         raise DataError(
             f"{path} holds points or a mesh, not splats: its vertices have no scales, rotations "
             "and opacities.",
             "Points to start training from belong to the data set (COLMAP's points3D, or "
             "ply_file_path in transforms.json); init=random needs none.",
         )
-    if missing == ["scale_2"] or header.tags().get("splatrendermode") == "2dgs":
+    if missing == ["scale_2"] or comment_tags(header).get("splatrendermode") == "2dgs":
         raise DataError(
             f"{path} holds flat splats (2DGS): they have two scales, 3D Gaussians three.",
             "Export 3D Gaussians from the tool that made it.",
@@ -267,78 +195,46 @@ def _check_layout(path: Path, header: _Header) -> int:
             f"{path} is not a 3DGS PLY: its vertices have no {', '.join(missing)}.",
             f"Expected: {', '.join(REQUIRED)}, and f_rest_0 to f_rest_N.",
         )
-    wrong = [name for name in REQUIRED if name in header.lists]
+    wrong = [name for name in REQUIRED if name in header.elements["vertex"].lists]
     if wrong:
         raise DataError(f"{path}: expected one number as {wrong[0]}, found a list.")
-    if header.counts["vertex"] == 0:
+    if header.elements["vertex"].count == 0:
         raise DataError(f"{path} holds no splats: its header announces 0 vertices.")
-    rest = sum(name.startswith("f_rest_") for name in names)
-    if rest not in REST_COUNTS or any(f"f_rest_{index}" not in names for index in range(rest)):
+    return rest_degree(path, names, REST_COUNTS)
+
+
+def rest_degree(path: Path, names: Iterable[str], counts: Sequence[int]) -> int:
+    """The SH degree of the ``f_rest`` properties of an element.
+
+    Raises:
+        DataError: they are none of ``counts``, which are those of degree 0, 1, ...
+    """
+    rest = [name for name in names if name.startswith("f_rest_")]
+    if len(rest) not in counts or not {*COLUMNS["rest"][: len(rest)]} <= {*rest}:
+        listed = ", ".join(map(str, counts[:-1]))
         raise DataError(
-            f"{path}: {rest} f_rest properties belong to no SH degree.",
-            "Expected f_rest_0 to f_rest_N, in all 0, 9, 24, 45 or 72 (degree 0 to 4).",
+            f"{path}: {len(rest)} f_rest properties belong to no SH degree.",
+            f"Expected f_rest_0 to f_rest_N, in all {listed} or {counts[-1]} (degree 0 to "
+            f"{len(counts) - 1}).",
         )
-    return REST_COUNTS.index(rest)
+    return counts.index(len(rest))
 
 
-def _check_size(path: Path, header: _Header) -> None:
-    """Refuse a file that is shorter than its header states, before any allocation."""
-    announced = sum(header.counts[name] * header.row_bytes[name] for name in header.counts)
-    if announced > header.data_bytes:
-        raise DataError(
-            f"{path} is cut short: its header announces {header.counts['vertex']} splats, at least "
-            f"{announced} bytes, and {header.data_bytes} follow.",
-            _COPY,
-        )
+def _stored(rows: Rows, degree: int) -> StoredRows:
+    """The stored values of some rows of a file, gathered by name."""
 
+    def columns(names: Sequence[str], kind: type[np.floating] = np.float32) -> np.ndarray:
+        table = np.empty((len(rows), len(names)), dtype=kind)
+        for index, name in enumerate(names):
+            table[:, index] = rows[name]
+        return table
 
-@dataclass(frozen=True)
-class _Columns:
-    """The rows of a file, property by property."""
-
-    path: Path
-    data: np.ndarray
-
-    def read(self, names: Sequence[str]) -> Float64[Tensor, "n p"]:
-        """Stack some properties, in float64."""
-        columns = [np.asarray(self.data[name], dtype=np.float64) for name in names]
-        stacked = np.stack(columns, axis=1) if columns else np.zeros((len(self.data), 0))
-        return torch.from_numpy(stacked)
-
-    def finite(self, names: Sequence[str], values: Float64[Tensor, "*b"]) -> Float64[Tensor, "*b"]:
-        """Read the values of some properties, and check that they are finite.
-
-        Raises:
-            DataError: one is not finite.
-        """
-        bad = (~values.flatten(1).isfinite().all(dim=1)).nonzero()[:, 0]
-        if len(bad):
-            shown = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
-            raise DataError(
-                f"{self.path}: {shown} of row {int(bad[0])} is not finite ({len(bad)} such rows).",
-                "Remove these rows in the tool that made the file.",
-            )
-        return values
-
-    def splats(self, degree: int) -> Splats:
-        """Activated splats.
-
-        Raises:
-            DataError: a value is not finite.
-        """
-        rest = [f"f_rest_{index}" for index in range(REST_COUNTS[degree])]
-        by_channel = self.read(rest).view(len(self.data), 3, -1)
-        coefficients = torch.cat([self.read(DC)[:, None], by_channel.transpose(1, 2)], dim=1)
-        return Splats(
-            means=self.finite(MEANS, self.read(MEANS)),
-            opacities=self.finite(["opacity"], self.read(["opacity"]).sigmoid())[:, 0],
-            scales=self.finite(SCALES, self.read(SCALES).exp()),
-            quats=self.finite(QUATS, _unit(self.read(QUATS))),
-            colors=Sh(self.finite([*DC, *rest], coefficients), degree),
-        )
-
-
-def _in_words(error: Exception) -> str:
-    """The message of a parser, without its line breaks and full stop."""
-    text = " ".join(str(error).split()).rstrip(".")
-    return text or type(error).__name__
+    channels = columns(COLUMNS["rest"][: REST_COUNTS[degree]]).reshape(len(rows), 3, -1)
+    return StoredRows(
+        means=columns(MEANS, np.float64),
+        logits=columns(OPACITY)[:, 0],
+        log_scales=columns(SCALES),
+        quats=columns(QUATS),
+        dc=columns(DC),
+        rest=channels.transpose(0, 2, 1),
+    )

@@ -89,10 +89,14 @@ class SplatSequence:
 
     def _listed(self) -> set[str]:
         """Names of the files of an earlier sequence in this folder, from its list."""
-        try:
-            entries = json.loads(self.index.read_text())["files"]
-            names = {str(entry["file"]) for entry in entries}
-        except (OSError, ValueError, KeyError, TypeError):
-            return set()
-        ours = (name for name in names if name.startswith("splats_") and Path(name).name == name)
-        return {name for name in ours if Path(name).suffix == self._exporter.suffix}
+        return {name for name in files_of(self._folder) if name.endswith(self._exporter.suffix)}
+
+
+def files_of(folder: Path) -> list[str]:
+    """Names of the files of the sequence in a folder, in order of time; empty if it has none."""
+    try:
+        entries = json.loads((folder / INDEX).read_text())["files"]
+        names = [str(entry["file"]) for entry in entries]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return []
+    return [name for name in names if name.startswith("splats_") and Path(name).name == name]

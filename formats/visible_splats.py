@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gsfw.core.exchange import SplatFile
-from gsfw.core.numerics import DEFAULT
+from gsfw.core.numerics import FAINTEST
 
 
 def without_invisible(content: SplatFile) -> tuple[SplatFile, int]:
@@ -15,7 +15,7 @@ def without_invisible(content: SplatFile) -> tuple[SplatFile, int]:
     (``NumericsProfile.alpha_min``), so that images stay the same. A file in which nothing is
     visible keeps everything: formats need at least one splat.
     """
-    visible = (content.splats.opacities >= DEFAULT.alpha_min).nonzero()[:, 0]
+    visible = (content.splats.opacities >= FAINTEST).nonzero()[:, 0]
     count = len(content.splats) - len(visible)
     if count == 0 or len(visible) == 0:
         return content, 0

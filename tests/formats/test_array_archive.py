@@ -1,14 +1,17 @@
 """An archive of arrays reads back bit by bit, and bad ones are refused before memory is taken."""
 
+import errno
 import io
 import json
 import struct
+import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
+from support.refusals import refusal_of
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import DataError, OutputError
 from gsfw.formats.array_archive import DTYPES, ArrayArchive, read_archive, write_archive
 
 
@@ -41,10 +44,7 @@ def npy(shape, dtype="<f4", body=b"", order=False, version=(1, 0)):
     return head + body
 
 
-def refusal(path):
-    with pytest.raises(DataError) as caught:
-        read_archive(path)
-    return caught.value.message
+refusal = refusal_of(read_archive)
 
 
 def test_arrays_of_every_type_and_the_header_read_back_bit_by_bit(tmp_path):
@@ -88,6 +88,28 @@ def test_what_has_no_place_in_it_is_not_written(tmp_path, name, array, problem):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_writing_holds_no_second_copy_of_the_arrays(tmp_path):
+    arrays = {name: np.zeros(24 << 20, "|u1") for name in ("a", "b", "c")}
+    tracemalloc.start()
+    written(tmp_path / "large", arrays)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 40 << 20
+    assert read_archive(tmp_path / "large").arrays["c"].shape == (24 << 20,)
+
+
+def test_a_write_that_fails_in_an_array_keeps_the_old_file(tmp_path, monkeypatch):
+    before = written(tmp_path / "a").read_bytes()
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr(np.lib.format, "write_array", full)
+    with pytest.raises(OutputError, match="the disk is full"):
+        written(tmp_path / "a")
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
+
+
 def test_a_file_that_is_cut_short_anywhere_is_refused(tmp_path):
     whole = written(tmp_path / "a").read_bytes()
     for length in range(0, len(whole), 293):
@@ -98,7 +120,8 @@ def test_a_file_that_is_cut_short_anywhere_is_refused(tmp_path):
 def test_a_ply_file_under_its_suffix_is_told_as_one(tmp_path):
     path = tmp_path / "splats.gsfw"
     path.write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
-    assert refusal(path) == f"{path} is a PLY file, despite its name."
+    said = "FILE is a PLY file, despite its name.\nRename it to splats.ply."
+    assert refusal(path) == said
 
 
 def test_a_file_with_changed_bytes_is_refused_or_reads_the_same(tmp_path):
@@ -125,16 +148,16 @@ def test_a_file_with_changed_bytes_is_refused_or_reads_the_same(tmp_path):
 
 
 def test_a_missing_file_and_a_folder_are_told(tmp_path):
-    assert (
-        refusal(tmp_path / "none")
-        == f"{tmp_path / 'none'} cannot be read: No such file or directory."
-    )
+    assert refusal(tmp_path / "none") == "FILE cannot be read: No such file or directory."
     assert "cannot be read: Is a directory." in refusal(tmp_path)
 
 
 def test_another_zip_is_told_apart(tmp_path):
     path = archive_of(tmp_path / "a.zip", [("readme.txt", "hello")])
-    assert refusal(path) == f"{path} is no archive of arrays: it holds no header.json."
+    said = refusal(path)
+    assert said.startswith(
+        "FILE is no archive of arrays: it holds no header.json.\nGive a file that "
+    )
 
 
 HEADER = ("header.json", "{}")
@@ -186,11 +209,12 @@ def test_entries_that_share_their_bytes_or_name_are_refused(tmp_path):
     assert "is damaged: " in refusal(tmp_path / "shared")
 
 
-def test_sizes_beyond_those_of_the_file_are_refused(tmp_path):
+@pytest.mark.parametrize("sizes", [(2**31, 2**31), (2**31, 8128), (8128, 2**31)])
+def test_sizes_beyond_those_of_the_file_are_refused(tmp_path, sizes):
     path = written(tmp_path / "a", {"first": np.zeros(1000)})
     whole = bytearray(path.read_bytes())
     entry = whole.rindex(b"PK\x01\x02")
-    whole[entry + 20 : entry + 28] = struct.pack("<II", 2**31, 2**31)
+    whole[entry + 20 : entry + 28] = struct.pack("<II", *sizes)
     path.write_bytes(whole)
     assert "its entries announce more bytes than the file has" in refusal(path)
 
@@ -198,4 +222,7 @@ def test_sizes_beyond_those_of_the_file_are_refused(tmp_path):
 def test_a_full_buffer_is_not_needed_to_refuse(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(io.BytesIO(b"PK\x05\x06" + bytes(18)).getvalue())
-    assert refusal(path) == f"{path} is no archive of arrays: it holds no header.json."
+    said = refusal(path)
+    assert said.startswith(
+        "FILE is no archive of arrays: it holds no header.json.\nGive a file that "
+    )

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.exchange import SplatFile
 from gsfw.core.render_settings import RenderSettings
+from gsfw.formats.activation import logits_of
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
@@ -30,6 +32,13 @@ def test_what_is_left_out_changes_no_pixel():
 
 def test_a_file_of_visible_splats_is_the_same_file():
     content = SplatFile(replace(ALL, opacities=FAINT.clamp_min(0.5)))
+    assert without_invisible(content) == (content, 0)
+
+
+def test_an_opacity_of_one_byte_is_kept_after_rounding_to_a_logit():
+    byte = torch.from_numpy(logits_of(np.array([1 / 255]))).double().sigmoid()
+    assert float(byte) < 1 / 255
+    content = SplatFile(replace(ALL, opacities=byte.expand(60)))
     assert without_invisible(content) == (content, 0)
 
 

@@ -1,0 +1,210 @@
+"""GltfImporter: reads the splats of .glb and .gltf files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.exchange import Importer, SplatFile, stated_up
+from gsfw.core.maths.spherical_harmonics import num_coefficients
+from gsfw.core.splats import Sh, Splats
+from gsfw.formats.activation import log_scales_of, logits_of
+from gsfw.formats.gltf.document import Document, read_document
+from gsfw.formats.gltf.json_object import JsonObject
+from gsfw.formats.gltf.layout import (
+    COLOR_SPACE,
+    EXTENSION,
+    MAGIC,
+    MOST_DEGREE,
+    OPACITY,
+    ROTATION,
+    SCALE,
+    coefficient,
+)
+from gsfw.formats.gltf.nodes import Matrix, place, placed_meshes
+from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, activated, held_by_float32
+
+ALWAYS = 1_000_000
+"""Splats that may come from repeated use of few; more only if the file has as many bytes."""
+
+
+class GltfImporter(Importer):
+    """Reads all splats of the scene, in the places of their nodes."""
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """True for every .glb, so that one without splats is refused with its own reason."""
+        try:
+            with path.open("rb") as file:
+                start = file.read(64)
+        except OSError:
+            return False
+        return start.startswith(MAGIC) or (
+            path.suffix.lower() == ".gltf" and start.lstrip()[:1] == b"{"
+        )
+
+    def read(self, path: Path) -> SplatFile:
+        """Read the file.
+
+        Raises:
+            DataError: it is damaged, no glTF, or holds other content than splats.
+        """
+        document = read_document(path)
+        used = _placed_primitives(document)
+        _check_size(document, used)
+        read = [_splats(document, primitive, matrix) for primitive, matrix in used]
+        stated = document.json.fields("asset").values.get("extras")
+        ours = stated.get("gsfw") if isinstance(stated, dict) else None
+        ours = ours if isinstance(ours, dict) else {}
+        generator = document.json.fields("asset").values.get("generator")
+        return SplatFile(
+            _joined([splats for splats, _ in read]),
+            antialiased=ours.get("antialiased") is True,
+            # The format's y axis points up; files of gsfw say what they know.
+            up=stated_up(ours.get("up", "-y")),
+            properties={
+                "sets of splats": str(len(used)),
+                **({"generator": generator} if isinstance(generator, str) else {}),
+            },
+            num_dropped=sum(dropped for _, dropped in read),
+        )
+
+
+def _placed_primitives(document: Document) -> list[tuple[JsonObject, Matrix]]:
+    """The primitives of the scene that are splats."""
+    json = document.json
+    by_mesh = [mesh.items("primitives") for mesh in json.items("meshes")]
+    found = [
+        (primitive, matrix)
+        for mesh, matrix in placed_meshes(json)
+        for primitive in by_mesh[mesh]
+        if EXTENSION in primitive.fields("extensions")
+    ]
+    if not found:
+        meshes = sum(len(primitives) for primitives in by_mesh)
+        raise DataError(
+            f"{json.path} holds no splats: none of its {meshes} meshes in the scene has the "
+            f"extension {EXTENSION}.",
+            "Export it as splats from the tool that made it.",
+        )
+    return found
+
+
+def _check_size(document: Document, used: list[tuple[JsonObject, Matrix]]) -> None:
+    """Refuse a file of few splats that are used so often that memory would not hold them."""
+    accessors = document.json.items("accessors")
+    total = sum(
+        primitive.fields("attributes").pick("POSITION", accessors).count("count")
+        for primitive, _ in used
+    )
+    if total > ALWAYS and total > document.buffers.size():
+        raise DataError(
+            f"{document.json.path} announces {total} splats, which its size does not justify.",
+            COPY_AGAIN,
+        )
+
+
+def _splats(document: Document, primitive: JsonObject, matrix: Matrix) -> tuple[Splats, int]:
+    """The splats of a primitive in our frame, and the number of those that are not finite."""
+    path = document.json.path
+    splatting = primitive.fields("extensions").fields(EXTENSION)
+    space = splatting.text("colorSpace", COLOR_SPACE)
+    if space != COLOR_SPACE:
+        raise DataError(
+            f"{path}: {primitive.where} has colours of {space[:40]!r}, and those of a screen "
+            f"({COLOR_SPACE}) are read.",
+            "Export it in that colour space from the tool that made it.",
+        )
+    # Numbers of damaged files that are no numbers give rows that are dropped.
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = _stored_rows(document, primitive).mirrored(RDF_TO_LUF)
+        splats, _ = activated(path, rows)
+    flip = np.diag([*RDF_TO_LUF, 1.0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrix = flip @ matrix @ flip
+    placed = place(splats, matrix, f"{path}: {primitive.where}")
+    held = held_by_float32(placed)
+    if not held.any():
+        raise DataError(
+            f"{path} holds no splats: the transforms of the nodes of {primitive.where} move all "
+            "of its rows beyond float32.",
+            "Apply the transforms in the tool that made the file.",
+        )
+    kept = placed if held.all() else placed.take(held.nonzero()[:, 0])
+    return kept, len(rows) - len(kept)
+
+
+def _stored_rows(document: Document, primitive: JsonObject) -> StoredRows:
+    """The values of a primitive, in the frame of the file."""
+    attributes = primitive.fields("attributes")
+    degree = _degree(attributes)
+
+    def values(name: str, kind: str) -> np.ndarray:
+        where = f"{attributes.where}.{name}"
+        array = document.values(attributes.count(name), kind, where)
+        if len(array) != count:
+            raise DataError(
+                f"{document.json.path}: {where} has {len(array)} values, and there are {count} "
+                "positions.",
+                COPY_AGAIN,
+            )
+        return array
+
+    where = f"{attributes.where}.POSITION"
+    means = document.values(attributes.count("POSITION"), "VEC3", where)
+    count = len(means)
+    rest = np.empty((count, num_coefficients(degree) - 1, 3), dtype=np.float32)
+    for index in range(rest.shape[1]):
+        rest[:, index] = values(coefficient(index + 1), "VEC3")
+    return StoredRows(
+        means=means,
+        logits=logits_of(values(OPACITY, "SCALAR")[:, 0]),
+        log_scales=log_scales_of(values(SCALE, "VEC3")),
+        quats=np.roll(values(ROTATION, "VEC4"), 1, axis=1).astype(np.float32),
+        dc=values(coefficient(0), "VEC3").astype(np.float32),
+        rest=rest,
+    )
+
+
+def _degree(attributes: JsonObject) -> int:
+    """The SH degree of a primitive: each band is whole, or missing with those above it."""
+    present = sum(
+        coefficient(index) in attributes for index in range(num_coefficients(MOST_DEGREE))
+    )
+    for degree in range(MOST_DEGREE + 1):
+        if present == num_coefficients(degree):
+            return degree
+    raise DataError(
+        f"{attributes.path}: {attributes.where} has {present} SH coefficients, expected 1, 4, 9 or "
+        "16.",
+        COPY_AGAIN,
+    )
+
+
+def _joined(parts: list[Splats]) -> Splats:
+    """All splats in one set, with the bands of the part that has most."""
+    if len(parts) == 1:
+        return parts[0]
+    width = max(part.colors.width for part in parts if isinstance(part.colors, Sh))
+    wide = []
+    for part in parts:
+        assert isinstance(part.colors, Sh)
+        missing = width - part.colors.width
+        wide.append(torch.nn.functional.pad(part.colors.coefficients, (0, 0, 0, missing)))
+    tensors = [part.tensors() for part in parts]
+    whole = {
+        name: torch.cat([named[name] for named in tensors])
+        for name in ("means", "opacities", "quats", "scales")
+    }
+    return replace(
+        parts[0],
+        means=whole["means"],
+        opacities=whole["opacities"],
+        quats=whole["quats"],
+        scales=whole["scales"],
+        colors=Sh(torch.cat(wide), round(width**0.5) - 1),
+    )

@@ -1,0 +1,39 @@
+"""Names and numbers of glTF 2.0 and of the extension."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+
+GLB_HEADER = struct.Struct("<4sII")
+"""Magic, version, bytes of the file."""
+CHUNK = struct.Struct("<I4s")
+"""Bytes and kind of a chunk."""
+MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", b"JSON", b"BIN\0"
+
+COMPONENTS: dict[int, np.dtype[Any]] = {
+    5120: np.dtype("i1"),
+    5121: np.dtype("u1"),
+    5122: np.dtype("<i2"),
+    5123: np.dtype("<u2"),
+    5126: np.dtype("<f4"),
+}
+"""Types of the numbers of attributes."""
+UNSIGNED_BYTE, UNSIGNED_INT, FLOAT = 5121, 5125, 5126
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+POINTS = 0
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+
+EXTENSION = "KHR_gaussian_splatting"
+ROTATION, SCALE, OPACITY = (f"{EXTENSION}:{name}" for name in ("ROTATION", "SCALE", "OPACITY"))
+COLOR_SPACE = "srgb_rec709_display"
+"""Colours as 3DGS trains them: those of a screen."""
+MOST_DEGREE = 3
+
+
+def coefficient(index: int) -> str:
+    """The attribute of an SH coefficient, in the order of the bands."""
+    degree = int(index**0.5)
+    return f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{index - degree * degree}"

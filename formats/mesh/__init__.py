@@ -1,0 +1,1 @@
+"""Meshes: surfaces fused from depth images that a model renders."""

@@ -1,0 +1,137 @@
+"""MeshExporter: the surface of a model as triangles with colours, from its depth images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from gsfw.core.errors import ConfigError
+from gsfw.core.exchange import DepthView, Exporter, ExportSource, Holds
+from gsfw.formats.mesh.blocks import Blocks
+from gsfw.formats.mesh.components import large_parts
+from gsfw.formats.mesh.files import WRITERS, write_mesh
+from gsfw.formats.mesh.fusion import FusionRule, fuse, surface_points
+from gsfw.formats.mesh.surface_nets import Mesh, surface_net
+
+MOST_VOXELS = 1 << 24
+"""Voxels at most; they and the search for the surface take 100 bytes each."""
+TRUNCATION = 4.0
+"""Truncation in voxels."""
+FAR = 3.0
+"""Largest depth in median depths, unless max_depth is given: backgrounds are far and inexact."""
+FINEST = 0.5
+"""Smallest voxel in pixels at the median depth: depth images show no more detail."""
+OUTSIDE = 0.01
+"""Part of the seen points, at each end of each axis, that the resolution does not count."""
+SAMPLE = 4000
+"""Points of a view by which the size of the scene is measured."""
+
+
+@dataclass(frozen=True)
+class MeshExporter(Exporter):
+    """Fuses the depths that training views show into a signed distance, and meshes its zero."""
+
+    suffix = ".mesh.ply"
+    is_readable = False
+    holds = Holds.DEPTHS
+
+    resolution: int = 256
+    """Voxels along the longest side of the surfaces at voxel=0; fewer where pixels are larger."""
+    voxel: float = 0.0
+    """Size of a voxel in units of the data. 0: by resolution."""
+    max_depth: float = 0.0
+    """Distance from a camera, in units of the data, beyond which nothing counts. 0: three times the
+    median distance."""
+    least_alpha: float = 0.5
+    """Coverage, in [0, 1], that a pixel needs to show a surface."""
+    min_views: int = 2
+    """Views that have to see a place."""
+    min_part: float = 0.02
+    """Connected parts with fewer triangles than this part of the largest one are left out. 0: none
+    are; 1: all but the largest."""
+
+    def __post_init__(self) -> None:
+        """Check the options.
+
+        Raises:
+            ConfigError: a number is out of range.
+        """
+        for name, low, high in (
+            ("resolution", 8, 4096),
+            ("voxel", 0.0, np.inf),
+            ("max_depth", 0.0, np.inf),
+            ("least_alpha", 0.0, 1.0),
+            ("min_views", 1, 1000),
+            ("min_part", 0.0, 1.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                limits = f"of at least {low:g}" if high == np.inf else f"from {low:g} to {high:g}"
+                raise ConfigError(f"format.{name}={value:g}: expected a number {limits}.")
+
+    def write(self, path: Path, source: ExportSource) -> None:
+        """Write the file atomically: .glb, .obj, or .ply.
+
+        Raises:
+            OutputError: it cannot be written.
+            ValueError: no view shows a surface, or it takes too many voxels.
+        """
+        if path.suffix.lower() not in WRITERS:
+            raise ValueError(f"meshes are written to {', '.join(WRITERS)}: not to {path.name}")
+        views = source.depth_views()
+        write_mesh(path, self.mesh(views), views[0].up if views else "")
+
+    def mesh(self, views: Sequence[DepthView]) -> Mesh:
+        """The mesh of what some views show.
+
+        Raises:
+            ValueError: no view shows a surface, or it takes too many voxels.
+        """
+        blocks, rule = self._grid(views)
+        fused = fuse(blocks, views, rule)
+        known = fused.counts >= min(self.min_views, len(views))
+        mesh = surface_net(blocks, fused.distances, known, fused.colors)
+        if len(mesh.triangles) == 0:
+            raise ValueError(
+                f"no surface is seen by {self.min_views} views. Lower format.min_views or "
+                "format.least_alpha"
+            )
+        return mesh.take(large_parts(mesh, self.min_part))
+
+    def _grid(self, views: Sequence[DepthView]) -> tuple[Blocks, FusionRule]:
+        """The voxels around the seen surface, and the rule of the fusion."""
+        median, footprint = _median_depth(views, self.least_alpha)
+        reach = self.max_depth or FAR * median
+        on_surface = FusionRule(0.0, reach, self.least_alpha)
+        points = [_sample(next(surface_points(view, on_surface))) for view in views]
+        seen = np.concatenate([np.zeros((0, 3)), *points])
+        if len(seen) == 0:
+            raise ValueError(
+                "no view shows a surface. Lower format.least_alpha, or raise format.max_depth"
+            )
+        low, high = np.quantile(seen, [OUTSIDE, 1 - OUTSIDE], axis=0)
+        side = max(float((high - low).max()), 1e-9)
+        voxel = self.voxel or max(side / self.resolution, FINEST * footprint)
+        rule = FusionRule(TRUNCATION * voxel, reach, self.least_alpha)
+        parts = (part for view in views for part in surface_points(view, rule))
+        return Blocks.around(parts, low, voxel, MOST_VOXELS), rule
+
+
+def _median_depth(views: Sequence[DepthView], least_alpha: float) -> tuple[float, float]:
+    """Median depth of all surfaces, infinite if there are none; and the size of a pixel there."""
+    depths = [_sample(view.depth[view.alpha >= least_alpha].numpy()) for view in views]
+    joined = np.concatenate([np.zeros(0), *depths])
+    joined = joined[np.isfinite(joined) & (joined > 0)]
+    if len(joined) == 0:
+        return np.inf, 0.0
+    median = float(np.median(joined))
+    focal = float(np.median([float(view.camera.intrinsics[0, 0, 0]) for view in views]))
+    return median, median / focal
+
+
+def _sample(values: Float[np.ndarray, "n ..."]) -> Float[np.ndarray, "m ..."]:
+    return values[:: len(values) // SAMPLE + 1]
