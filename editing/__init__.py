@@ -1,0 +1,1 @@
+"""Edits of finished splats and models: regions, transforms, alignment, pruning, colours."""

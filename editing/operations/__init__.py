@@ -1,0 +1,1 @@
+"""Operations of the command line, each an edit with a value in text."""
