@@ -18,6 +18,12 @@ def gsfw_commands() -> list[Spec]:
         Spec("view", "look at a trained model in the browser", "gsfw.commands.view:run"),
         Spec("open", "show the latest run in the browser", "gsfw.commands.open:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
+        Spec(
+            "convert",
+            "convert splats to another file format, and measure the loss",
+            "gsfw.commands.convert:run",
+        ),
+        Spec("edit", "crop, move, prune, reduce or recolour splats", "gsfw.commands.edit.verb:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("runs", "list, compare and remove runs", "gsfw.commands.runs:run"),
         Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),

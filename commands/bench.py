@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class BenchOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Measure, and print the figures."""
-    options = read("bench", BenchOptions, arguments)
+    options = read_options("bench", BenchOptions, arguments)
     check(options)
     from gsfw.commands.interface.progress import load_torch
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import FLAGS, Options, parse, read, word
+from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.progress import stage
 
@@ -40,7 +40,7 @@ class CheckOptions(Options):
         "gsfw check path/to/capture json=true",
     )
 
-    what: str = word("DATA", default="")
+    what: str = positional("DATA", default="")
     """The data set, also as data=PATH."""
     images: str = ""
     """Number of images to decode, or all. Empty: 50, or 16 of videos."""
@@ -52,7 +52,7 @@ def run(tokens: list[str]) -> int:
     """Examine a data set, and print the findings."""
     arguments = parse(tokens)
     own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
-    options = read("check", CheckOptions, [*own, *arguments.words])
+    options = read_options("check", CheckOptions, [*own, *arguments.words])
     images = _images(options.images)
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
     with stage("loading torch and reading settings"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from gsfw.commands.interface.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, positional, read_options
 
 
 @dataclass(kw_only=True)
@@ -24,13 +24,13 @@ class CompletionOptions(Options):
         "source <(gsfw completion bash)",
     )
 
-    shell: str = word("bash|zsh|fish")
+    shell: str = positional("bash|zsh|fish")
     """The shell."""
 
 
 def run(arguments: list[str]) -> int:
     """Print the script."""
-    options = read("completion", CompletionOptions, arguments)
+    options = read_options("completion", CompletionOptions, arguments)
     from gsfw.commands.interface.completion_scripts import SCRIPTS, completion_script
     from gsfw.commands.interface.completion_table import completion_table
     from gsfw.commands.interface.console import Console

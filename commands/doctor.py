@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.commands.interface.console import Console
 from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import Registry, installed
@@ -21,7 +21,7 @@ from gsfw.plugins.specs import PROJECT
 if TYPE_CHECKING:
     from gsfw.core.capabilities import Capabilities
 
-LIBRARIES = ("matplotlib", "numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
+LIBRARIES = ("matplotlib", "numpy", "PIL", "pycolmap", "scipy", "tensorboard", "yaml")
 """Libraries that training imports."""
 
 
@@ -47,7 +47,7 @@ class Finding:
 
 def run(tokens: list[str]) -> int:
     """Run all checks."""
-    options = read("doctor", DoctorOptions, tokens)
+    options = read_options("doctor", DoctorOptions, tokens)
     console = Console(options.json)
     findings = [*_versions(), *_libraries(), _native(), _cuda()]
     findings += [*_rasterizers(installed()), *_plugins(installed()), _write_access()]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.commands.interface.arguments import RunOptions, read_options
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,13 +39,13 @@ class EvalOptions(RunOptions):
 
 def run(arguments: list[str]) -> int:
     """Evaluate, print a table, and write eval/step_N.json."""
-    options = read("eval", EvalOptions, arguments)
+    options = read_options("eval", EvalOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
 
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.interface.runs import find_run, open_run
+    from gsfw.commands.interface.runs import find_run, restore_run
     from gsfw.commands.interface.summary import Row, next_rows, summary_text
     from gsfw.core.datamanager import Split
     from gsfw.core.errors import DataError
@@ -53,7 +53,7 @@ def run(arguments: list[str]) -> int:
 
     console = Console(options.json)
     found = find_run(options.run, console.say)
-    restored = open_run(found, installed(), options.changed())
+    restored = restore_run(found, installed(), options.changed())
     parts = restored.composition.parts
     split = Split(options.split)
     if len(parts.data.views(split)) == 0:

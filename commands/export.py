@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.commands.interface.arguments import RunOptions
+from gsfw.commands.interface.format_options import read_with_format
+from gsfw.core.files.size import bytes_of
 from gsfw.core.progress import stage, tracked
 from gsfw.core.words import size
 
@@ -34,7 +34,8 @@ class ExportOptions(RunOptions):
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw export latest",
-        "gsfw export runs/first format=ply step=5000 out=first.ply",
+        "gsfw export runs/first step=5000 out=first.ply",
+        "gsfw export format=ply --help",
         "gsfw export runs/moving times=50 out=sequence",
         "gsfw export runs/moving format=gsfw out=moving.gsfw",
         "gsfw export runs/moving format=tracks times=all",
@@ -42,7 +43,8 @@ class ExportOptions(RunOptions):
 
     format: str = ""
     """Format of the file: ply, gsfw (the whole model, rendered anywhere without its data set),
-    or another of the exporters that gsfw plugins lists. Empty: by the suffix of out, or ply."""
+    or another of the exporters that gsfw plugins lists. Empty: by the suffix of out, or ply. Some
+    formats have options, format.KEY=VALUE: format=NAME --help lists them."""
     out: str = ""
     """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; the folder
     splats in it for a sequence."""
@@ -58,28 +60,32 @@ class ExportOptions(RunOptions):
     times: str = ""
     """A numbered sequence of files instead of one: how many, evenly from time 0 to 1, or all, for
     the times of the data."""
+    finetune: int = 0
+    """Steps by which the model is trained on, for the rounding of format.precision=compressed."""
 
 
 def run(arguments: list[str]) -> int:
     """Write the file or the files, and print their content."""
-    options = read("export", ExportOptions, arguments)
+    options, given = read_with_format("export", ExportOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
 
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.interface.runs import find_run, open_run
-    from gsfw.plugins.loading import load
+    from gsfw.commands.interface.exported_model import check_finetune
+    from gsfw.commands.interface.runs import find_run, restore_run
+    from gsfw.plugins.exporters import make_exporter
     from gsfw.plugins.registry import installed
 
     _check(options)
     registry = installed()
     options = replace(options, format=_format(options, registry))
-    exporter: Exporter = load("exporter", registry.find("exporter", options.format))()
+    exporter = make_exporter(options.format, registry, given)
     console = Console(options.json)
     found = find_run(options.run, console.say)
+    check_finetune(options.finetune, found, exporter)
     _check_fit(options, exporter.holds)
-    restored = open_run(found, registry, options.changed(), options.step)
+    restored = restore_run(found, registry, options.changed(), options.step)
     document = _Export(options, exporter, found, restored, console).write()
     document |= _corrections(restored, document["written"], found, console)
     about = {"run": found.name, "step": restored.step, "format": options.format}
@@ -115,20 +121,24 @@ def _format(options: ExportOptions, registry: Registry) -> str:
         ConfigError: no exporter writes such files.
     """
     from gsfw.core.errors import ConfigError
-    from gsfw.plugins.loading import load_all
+    from gsfw.plugins.exporters import format_of, writable_suffixes
 
-    suffix = Path(options.out).suffix.lower()
-    if options.format or options.times or not suffix or Path(options.out).is_dir():
-        return options.format or PLY
-    kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
-    named = [name for name, kind in kinds.items() if kind.suffix == suffix]
-    if not named:
-        known = ", ".join(dict.fromkeys(kind.suffix for kind in kinds.values()))
+    out = Path(options.out)
+    form = format_of(out, registry) if out.suffix and not out.is_dir() else None
+    if options.times and form is not None and not options.format:
         raise ConfigError(
-            f"out={options.out}: no exporter writes files that end in {suffix!r}.",
-            f"Suffixes that can be written: {known}. Or give the format: format={PLY}",
+            f"out={out}: times={options.times} writes a folder of files.",
+            f"Give a folder, and the format of its files: out={out.stem} format={form}",
         )
-    return PLY if PLY in named else named[0]
+    if options.format or options.times or not out.suffix or out.is_dir():
+        return options.format or PLY
+    if form is None:
+        raise ConfigError(
+            f"out={out}: no exporter writes files that end in {out.suffix.lower()!r}.",
+            f"Suffixes that can be written: {writable_suffixes(registry)}. Or give the format: "
+            f"format={PLY}",
+        )
+    return form
 
 
 def _check_fit(options: ExportOptions, holds: Holds) -> None:
@@ -147,9 +157,15 @@ def _check_fit(options: ExportOptions, holds: Holds) -> None:
             f"{what}: keep and sh_degree cut down one set of splats.",
             "Give them with format=ply, and without times.",
         )
-    if holds is Holds.MODEL and (options.times or options.time):
+    if holds is Holds.DEPTHS and options.times:
         raise ConfigError(
-            f"format={options.format} holds the model at all times: leave out time and times.",
+            f"format={options.format} is written at one time: leave out times.",
+            "Choose the time: time=0.5",
+        )
+    if holds in (Holds.MODEL, Holds.MOTION) and (options.times or options.time):
+        what = "the model" if holds is Holds.MODEL else "splats"
+        raise ConfigError(
+            f"format={options.format} holds {what} at all times: leave out time and times.",
             "For what it looks like at one of them: format=ply time=0.5",
         )
 
@@ -197,11 +213,16 @@ class _Export:
             return self._model()
         if self.exporter.holds is Holds.TRACKS:
             return self._tracks()
+        if self.exporter.holds is Holds.MOTION:
+            return self._motion()
+        if self.exporter.holds is Holds.DEPTHS:
+            return self._surface()
         return self._sequence() if self.options.times else self._splats()
 
     def _splats(self) -> dict[str, Any]:
         """The model at one time, as one file."""
         from gsfw.formats.visible_splats import without_invisible
+        from gsfw.plugins.exporters import readable_value_errors
         from gsfw.plugins.run_source import RunSource
         from gsfw.studies.tradeoff.cut import cut
 
@@ -229,6 +250,7 @@ class _Export:
     def _sequence(self) -> dict[str, Any]:
         """The model at many times, as one file each."""
         from gsfw.formats.splat_sequence import SplatSequence
+        from gsfw.plugins.exporters import readable_value_errors
         from gsfw.plugins.run_source import RunSource
 
         composition, step = self.restored.composition, self.restored.step
@@ -241,46 +263,75 @@ class _Export:
         with readable_value_errors(folder, self.options.format):
             written = sequence.write(lambda time: source.at(time).splat_file(), about)
             files = list(tracked(written, "writing splats", len(times)))
-        count = sum(path.stat().st_size for path in files)
+        count = sum(bytes_of(path) for path in files)
         self.console.say(
             f"{len(files)} files after {step} steps, {size(count)}: {folder}\n"
             f"when each of them is: {sequence.index}"
         )
-        written_files = [str(path) for path in files]
-        return {"written": written_files, "index": str(sequence.index), "bytes": count}
+        return {"written": [*map(str, files)], "index": str(sequence.index), "bytes": count}
 
     def _model(self) -> dict[str, Any]:
         """The model at all times, as one file."""
-        from gsfw.core.errors import ConfigError
-        from gsfw.plugins.run_source import RunSource
+        from gsfw.commands.interface.exported_model import check_model, exported_model
+        from gsfw.plugins.exporters import readable_value_errors
 
-        if self.found.model_file is not None:
-            raise ConfigError(f"{self.found.name} is a model file already.", "Copy it.")
+        check_model(self.found, self.exporter)
         path = self._path("model")
         with readable_value_errors(path, self.options.format):
-            model = RunSource(self.restored).stored_model()
+            found = exported_model(self.restored, self.exporter, self.options.finetune)
             with stage(f"writing {path.name}"):
-                self.exporter.write(path, model)
-        count = self._say(f"method {model.method} with {model.rows:,} Gaussians", path)
-        return {"written": str(path), "num_gaussians": model.rows, "bytes": count}
+                self.exporter.write(path, found.source)
+        count = self._say(f"method {found.model.method} with {found.model.rows:,} Gaussians", path)
+        for line in found.lines():
+            self.console.say(line)
+        return {"written": str(path), "bytes": count, **found.document()}
+
+    def _motion(self) -> dict[str, Any]:
+        """The splats at all times, as one file or folder."""
+        from gsfw.commands.interface.exported_motion import about_motion
+        from gsfw.plugins.exporters import readable_value_errors
+        from gsfw.plugins.run_source import RunSource
+
+        path, source = self._path("scene"), RunSource(self.restored)
+        with readable_value_errors(path, self.options.format), stage(f"writing {path.name}"):
+            self.exporter.write(path, source)
+        what, document, notes = about_motion(self.restored, source)
+        count = self._say(what, path)
+        for note in notes:
+            self.console.warn(note)
+        return {"written": str(path), "bytes": count, "notes": notes, **document}
+
+    def _surface(self) -> dict[str, Any]:
+        """The surface that views show at one time, as one file."""
+        from gsfw.plugins.exporters import readable_value_errors
+        from gsfw.plugins.run_source import RunSource
+
+        path, source = self._path("surface"), RunSource(self.restored, self.options.time)
+        with readable_value_errors(path, self.options.format):
+            self.exporter.write(path, source)
+        return {"written": str(path), "bytes": self._say("the surface that views show", path)}
 
     def _tracks(self) -> dict[str, Any]:
         """The paths of all Gaussians, as one file."""
-        from gsfw.plugins.run_source import RunSource
+        from gsfw.core.errors import ConfigError
+        from gsfw.plugins.exporters import readable_value_errors
+        from gsfw.plugins.run_source import RunSource, is_dynamic
 
-        times = parse_times(self.options.times or ALL, self.restored.composition)
+        composition = self.restored.composition
+        if not is_dynamic(composition):
+            raise ConfigError(
+                f"format={self.options.format}: {self.found.name} does not move.",
+                "Its Gaussians as one file: format=ply",
+            )
+        times = parse_times(self.options.times or ALL, composition)
         content = RunSource(self.restored, times=times).track_file()
         path = self._path("tracks")
         with readable_value_errors(path, self.options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         rows = content.tracks.opacities.shape[1]
         count = self._say(f"paths of {rows:,} Gaussians at {len(times)} times", path)
-        return {
-            "written": str(path),
-            "num_gaussians": rows,
-            "num_times": len(times),
-            "bytes": count,
-        }
+        about = {"num_gaussians": rows, "num_times": len(times)}
+        return {"written": str(path), **about, "bytes": count}
 
     def _name(self, content: str) -> str:
         """Default name of a file, without suffix."""
@@ -290,13 +341,15 @@ class _Export:
         return content if last else f"{content}_{self.restored.step:09d}"
 
     def _path(self, content: str) -> Path:
-        """Path of the file."""
+        """Path of the file, or of the folder that a format is."""
         out = Path(self.options.out) if self.options.out else self.found.folder.path
+        if self.exporter.is_folder:
+            return out if self.options.out else out / self._name(self.options.format)
         return out / f"{self._name(content)}{self.exporter.suffix}" if out.is_dir() else out
 
     def _say(self, content: str, path: Path) -> int:
-        """Print the content and the path of a file; return its size in bytes."""
-        count = path.stat().st_size
+        """Print the content and the path of a file or folder; return its size in bytes."""
+        count = bytes_of(path)
         self.console.say(f"{content} after {self.restored.step} steps, {size(count)}: {path}")
         return count
 
@@ -317,30 +370,13 @@ def _corrections(
     return {"corrections": [str(path) for path in paths]} if paths else {}
 
 
-@contextmanager
-def readable_value_errors(path: Path, form: str) -> Iterator[None]:
-    """Turn an exporter's ValueError into a message for the user.
-
-    Raises:
-        DataError: in place of the exporter's ValueError.
-    """
-    from gsfw.core.errors import DataError, UserError
-
-    try:
-        yield
-    except UserError:
-        raise
-    except ValueError as error:
-        raise DataError(f"{path}: format {form} cannot hold this model: {error}.") from error
-
-
 def _notes(taken: Snapshot) -> list[str]:
     """Warnings about the file, as sentences."""
     left_out = [f"{taken.num_dropped} splats were left out: they are not finite."]
-    return left_out * bool(taken.num_dropped) + _rounding_note(taken.content.splats)
+    return left_out * bool(taken.num_dropped) + rounding_note(taken.content.splats)
 
 
-def _rounding_note(splats: Splats) -> list[str]:
+def rounding_note(splats: Splats) -> list[str]:
     """Warning about coordinates far from the origin, where float32 is coarse."""
     import numpy as np
 

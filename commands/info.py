@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, positional, read_options
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class InfoOptions(Options):
         "gsfw info data=path/to/capture downscale=2",
     )
 
-    what: str = word("FILE|RUN|DATA", default="")
+    what: str = positional("FILE|RUN|DATA", default="")
     """A splat file, a model file, a run (a folder, a checkpoint, or latest), or a data set."""
     data: str = ""
     """A data set, if it must not be taken for anything else."""
@@ -39,7 +39,7 @@ class InfoOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Recognise the argument, and describe it."""
-    options = read("info", InfoOptions, arguments)
+    options = read_options("info", InfoOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
@@ -69,8 +69,8 @@ def _describe(options: InfoOptions, registry: Registry, console: Console) -> dic
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.formats.description import describe_model, describe_splats
     from gsfw.plugins.automatic import BUILT_IN_SCENE
+    from gsfw.plugins.initial_splats import importer_of
     from gsfw.plugins.loading import load
-    from gsfw.plugins.unread_splats import refuse_unread_splats
 
     what, data = options.what, options.data
     if what and data:
@@ -84,13 +84,13 @@ def _describe(options: InfoOptions, registry: Registry, console: Console) -> dic
         return describe_run(find_run(what, console.say).folder)
     if what.endswith(MODEL_SUFFIX) and Path(what).is_file():
         return describe_model(Path(what))
-    if Path(what).is_file() and options.format == AUTO:
-        refuse_unread_splats(Path(what))
-        importer = _importer(Path(what), registry)
+    if what and Path(what).exists() and options.format == AUTO:
+        importer = importer_of(Path(what), registry)
         if importer:
             content = load("importer", registry.slot("importer")[importer])().read(Path(what))
             return describe_splats(Path(what), importer, content)
-        _check_known(what, registry)
+        if Path(what).is_file():
+            _check_known(what, registry)
     return _describe_data(what or data, options, registry)
 
 
@@ -130,14 +130,6 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
             "notes": list(manager.notes()),
             "next": shlex.join(words),
         }
-
-
-def _importer(path: Path, registry: Registry) -> str | None:
-    """Name of the importer that recognises a file; ``None`` if none does."""
-    from gsfw.plugins.loading import ask_all
-
-    recognised = ask_all("importer", registry, lambda kind: kind.recognises(path))
-    return next((name for name, is_its_own in recognised.items() if is_its_own), None)
 
 
 def _check_known(what: str, registry: Registry) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, positional, read_options
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import did_you_mean, installed
@@ -33,9 +33,9 @@ class NewOptions(Options):
         "gsfw new rasterizer my-rasterizer out=work/my-rasterizer",
     )
 
-    kind: str = word("KIND", default="")
+    kind: str = positional("KIND", default="")
     """Kind of the part: method, strategy, rasterizer, datamanager, ..."""
-    name: str = word("NAME", default="")
+    name: str = positional("NAME", default="")
     """Name of the part and of the package: small letters, digits and dashes."""
     like: str = ""
     """Method that the new one derives from, such as 3dgs. Empty: one with a model of its own."""
@@ -45,7 +45,7 @@ class NewOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Write the package, and print what to do with it."""
-    options = read("new", NewOptions, arguments)
+    options = read_options("new", NewOptions, arguments)
     console = Console(options.json)
     if not options.kind:
         return _list_kinds(console)

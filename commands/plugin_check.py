@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, positional, read_options
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -33,7 +33,7 @@ class PluginCheckOptions(Options):
         "gsfw plugins check my_module only=learns",
     )
 
-    name: str = word("NAME")
+    name: str = positional("NAME")
     """A part, an installed package, or a module with hooks, which need not be installed."""
     slot: str = ""
     """Kind of the part: method, rasterizer, strategy, ... Empty: all parts of this name."""
@@ -47,7 +47,7 @@ class PluginCheckOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Check, and print a line for each promise."""
-    options = read("plugins check", PluginCheckOptions, arguments)
+    options = read_options("plugins check", PluginCheckOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()

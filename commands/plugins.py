@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.loading import load_third_parties
@@ -44,7 +44,7 @@ def run(tokens: list[str]) -> int:
         from gsfw.commands.plugin_check import run as check
 
         return check(tokens[1:])
-    options = read("plugins", PluginsOptions, tokens)
+    options = read_options("plugins", PluginsOptions, tokens)
     if options.slot and options.slot not in SLOTS:
         raise ConfigError(
             f"slot={options.slot}: there is no such slot.{did_you_mean(options.slot, SLOTS)}",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, parse, words
+from gsfw.commands.interface.arguments import Options, parse, positionals
 from gsfw.commands.interface.following_training import FollowingTraining, read_both
 from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
@@ -49,7 +49,7 @@ class PrepareOptions(Options):
         "gsfw prepare metashape.xml out=scene lens=keep dense=true",
     )
 
-    inputs: tuple[str, ...] = words("INPUT...")
+    inputs: tuple[str, ...] = positionals("INPUT...")
     """Folders of images, videos; or one data set that has cameras already."""
     out: str = ""
     """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
@@ -183,14 +183,14 @@ def _check_exists(path: Path) -> None:
     """Check that an input exists, and is no splats, whose images would be taken for photos.
 
     Raises:
-        DataError: it does not; names the nearest path. Or it is splats; says what converts them.
+        DataError: it does not; names the nearest path. Or it is splats.
     """
-    from gsfw.plugins.registry import what_is_missing
-    from gsfw.plugins.unread_splats import refuse_unread_splats
+    from gsfw.plugins.initial_splats import refuse_splats
+    from gsfw.plugins.registry import installed, what_is_missing
 
     if not path.exists():
         raise DataError(f"{path}: there is no such file or folder.", what_is_missing(path))
-    refuse_unread_splats(path)
+    refuse_splats(path, installed())
 
 
 def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workspace:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, read, word
+from gsfw.commands.interface.arguments import RunOptions, positional, read_options
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class RenderOptions(RunOptions):
         "gsfw render runs/moving what=time tracks=true",
     )
 
-    run: str = word("RUN")
+    run: str = positional("RUN")
     """A run folder, a checkpoint, a model file (.gsfw), a splat file (.ply), or latest."""
     what: Literal[
         "all", "views", "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
@@ -91,7 +91,7 @@ class RenderOptions(RunOptions):
 
 def run(arguments: list[str]) -> int:
     """Render, and print the place of the images."""
-    options = read("render", RenderOptions, arguments)
+    options = read_options("render", RenderOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
     from gsfw.commands.interface.render_rules import check_channels, check_options
 
@@ -99,7 +99,7 @@ def run(arguments: list[str]) -> int:
     load_torch()
 
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.interface.runs import find_run, open_run
+    from gsfw.commands.interface.runs import find_run, restore_run, warn_of_file
     from gsfw.plugins.registry import installed
     from gsfw.rendering.request import render
 
@@ -108,7 +108,8 @@ def run(arguments: list[str]) -> int:
     request.check()
     console = Console(options.json)
     found = find_run(options.run, console.say, splats=True)
-    composition = open_run(found, installed(), options.changed()).composition
+    composition = restore_run(found, installed(), options.changed()).composition
+    warn_of_file(found, composition, console)
     out = Path(options.out) if options.out else found.folder.path / "renders"
     images, films = render(composition, request, out, console.say)
     console.say(f"{len(images)} images in {out}")

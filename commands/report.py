@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, read, words
+from gsfw.commands.interface.arguments import Options, positionals, read_options
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -31,7 +31,7 @@ class ReportOptions(Options):
         "gsfw report runs/first views=5 error=absolute",
     )
 
-    runs: tuple[str, ...] = words("RUN...")
+    runs: tuple[str, ...] = positionals("RUN...")
     """Run folders, checkpoints, or latest. Several are compared."""
     out: str = ""
     """The page. Empty: report.html in the run; comparison.html here for several runs."""
@@ -53,7 +53,7 @@ class ReportOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Write the page, and print its place."""
-    options = read("report", ReportOptions, arguments)
+    options = read_options("report", ReportOptions, arguments)
     _check(options)
     from gsfw.commands.interface.progress import load_torch
 
@@ -115,7 +115,7 @@ def _compare(
 
 def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opened:
     """The run's model; why not, if its data or a part of it is not here."""
-    from gsfw.commands.interface.runs import open_run
+    from gsfw.commands.interface.runs import restore_run
     from gsfw.core.errors import UserError
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import COMMAND_LINE, Layer
@@ -126,7 +126,7 @@ def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opene
         return Opened(None)
     given = {key: text for key in ("data", "device") if (text := getattr(options, key))}
     try:
-        restored = open_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+        restored = restore_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
     except UserError as error:
         if given:  # What the user has just said is wrong.
             raise

@@ -10,7 +10,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, read, word, words
+from gsfw.commands.interface.arguments import Options, positional, positionals, read_options
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -39,9 +39,9 @@ class RunsOptions(Options):
         "gsfw runs remove runs/fox/3dgs/2026-11-23_10-00-00",
     )
 
-    what: str = word("[compare|remove]", default="")
+    what: str = positional("[compare|remove]", default="")
     """compare: two or more runs side by side. remove: delete runs. Left out: list them."""
-    runs: tuple[str, ...] = words("[RUN ...]", least=0)
+    runs: tuple[str, ...] = positionals("[RUN ...]", least=0)
     """Run folders, or latest."""
     method: str = ""
     """Only runs of this method; * stands for anything: method=4d*."""
@@ -57,7 +57,7 @@ class RunsOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """List, compare or remove."""
-    options = read("runs", RunsOptions, arguments)
+    options = read_options("runs", RunsOptions, arguments)
     from gsfw.commands.interface.console import Console
     from gsfw.core.errors import ConfigError
     from gsfw.plugins.registry import did_you_mean
@@ -248,8 +248,9 @@ def _tell_others(comparison: RunComparison, letters: Sequence[str], console: Con
 
 
 def _remove(options: RunsOptions, console: Console) -> int:
-    from gsfw.commands.interface.run_removal import check_removable, remove_run, size_of
+    from gsfw.commands.interface.run_removal import check_removable, remove_run
     from gsfw.core.errors import ConfigError
+    from gsfw.core.files.size import bytes_of
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.core.words import size
     from gsfw.reports.run_reader import read_run
@@ -267,7 +268,7 @@ def _remove(options: RunsOptions, console: Console) -> int:
         figure = "" if psnr is None else f", PSNR {psnr:.2f} dB"
         described = f"{record.method} on {record.scene}, {record.state.value}{figure}"
         if not options.yes and not _confirmed(
-            f"remove {path} ({described}, {size(size_of(path))})"
+            f"remove {path} ({described}, {size(bytes_of(path))})"
         ):
             console.say("kept")
             continue

@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read_options
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -55,7 +55,7 @@ class StressOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Measure, and print the results."""
-    options = read("stress", StressOptions, arguments)
+    options = read_options("stress", StressOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()

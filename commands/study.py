@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, positional, read_options
 from gsfw.core.words import duration, rough_duration
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class StudyOptions(Options):
         "gsfw study benchmarks/studies/dynamic.yaml table=true",
     )
 
-    file: str = word("FILE")
+    file: str = positional("FILE")
     """A .yaml file with rows, scenes and settings."""
     root: str = "."
     """Base folder of the relative data paths in the file."""
@@ -67,7 +67,7 @@ class StudyOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Run a study."""
-    options = read("study", StudyOptions, arguments)
+    options = read_options("study", StudyOptions, arguments)
     _check(options)
 
     from gsfw.commands.interface.console import Console

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.interface.arguments import Options, read, words
+from gsfw.commands.interface.arguments import Options, positionals, read_options
 
 if TYPE_CHECKING:
     import socket
@@ -28,7 +28,7 @@ class ViewOptions(Options):
         "gsfw train method=3dgs data=fox viewer=true",
     )
 
-    runs: tuple[str, ...] = words("RUN|FILE ...")
+    runs: tuple[str, ...] = positionals("RUN|FILE ...")
     """One or two: a run folder, a checkpoint, latest, a model file (.gsfw), or a splat file (.ply)
     of any tool."""
     data: str = ""
@@ -43,7 +43,7 @@ class ViewOptions(Options):
 
 def run(arguments: list[str]) -> int:
     """Open the models, and serve their page until Ctrl-C."""
-    options = read("view", ViewOptions, arguments)
+    options = read_options("view", ViewOptions, arguments)
     _check(options)
     from gsfw.viewer.server import bound, check_installed
 
@@ -56,7 +56,7 @@ def run(arguments: list[str]) -> int:
         console = Console(options.json)
         found = [_find(text, console) for text in options.runs]
         with ExitStack() as opened:
-            models = tuple(_open(run, options) for run in found)
+            models = tuple(_open(run, options, console) for run in found)
             for model in models:
                 opened.callback(model.data.close)
             _serve(listening, models, found[0], options, console)
@@ -113,15 +113,16 @@ def _find(text: str, console: Console) -> RunArgument:
     return find_run(text, console.say, splats=True)
 
 
-def _open(found: RunArgument, options: ViewOptions) -> ViewedModel:
+def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedModel:
     """Open a run, a model file or a splat file."""
-    from gsfw.commands.interface.runs import open_run
+    from gsfw.commands.interface.runs import restore_run, warn_of_file
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import COMMAND_LINE, Layer
     from gsfw.viewer.opening import of_restored
 
     given = {key: value for key in ("data", "device") if (value := getattr(options, key))}
-    restored = open_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+    restored = restore_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+    warn_of_file(found, restored.composition, console)
     return of_restored(found.name, restored, has_cameras=found.splat_file is None)
 
 

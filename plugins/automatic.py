@@ -10,9 +10,9 @@ from typing import Any
 
 from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.plugins.initial_splats import refuse_splats
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
-from gsfw.plugins.unread_splats import refuse_unread_splats
 
 USUAL_CHOICE = "the usual one"
 """Cause of a choice that nothing asks for."""
@@ -47,7 +47,7 @@ def choose_datamanager(data: str, registry: Registry) -> Choice:
     path = Path(data)
     with _readable(path):
         _check_exists(path)
-        refuse_unread_splats(path)
+        refuse_splats(path, registry)
         detections = ask_all("datamanager", registry, lambda kind: kind.detect(path))
     recognised = [name for name, seen in detections.items() if seen.recognised]
     if not recognised:

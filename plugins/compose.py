@@ -15,7 +15,6 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import (
     AUTO,
-    INIT_WORDS,
     NO_BUDGET,
     MethodConfig,
     RasterizerConfig,
@@ -45,13 +44,14 @@ from gsfw.core.refinement.refiners import Refiners, checked_refiners
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
 from gsfw.plugins.dense_points import FoundSurface
 from gsfw.plugins.devices import unused_gpu
-from gsfw.plugins.initial_splats import find_importer, read_initial
+from gsfw.plugins.initial_splats import check_initial, read_initial
 from gsfw.plugins.loading import check_built, choose_operators, make_metrics
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry, registered_as
@@ -189,8 +189,7 @@ def check(settings: Settings, registry: Registry) -> None:
     if config.strategy is not None and str(config.strategy.budget) != NO_BUDGET:
         needs["strategy.budget"] = Needs(features=frozenset({Feature.CONTRIBUTION}))
     check_rasterizer(settings, registry, needs, device)
-    if config.init not in INIT_WORDS:
-        find_importer(Path(config.init), registry)
+    check_initial(config.init, registry)
 
 
 def _missed(settings: Settings, registry: Registry, device: torch.device) -> tuple[str, ...]:
@@ -215,6 +214,7 @@ def compose(
     restoring: bool = False,
     data: DataManager | None = None,
     surface: FoundSurface | None = None,
+    initial: Splats | None = None,
 ) -> Composition:
     """Check and build a run.
 
@@ -224,6 +224,7 @@ def compose(
         restoring: true if a checkpoint follows, so that initial splats are not needed.
         data: replaces the data set of the settings; ``None`` opens that one.
         surface: of the capture, where it is known; ``None``: stereo finds it if it is needed.
+        initial: splats of ``init=FILE`` in the scene frame, float32; ``None`` reads them.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
@@ -245,7 +246,10 @@ def compose(
     surface = find_surface(settings, registry, data, surface)
     start = start_of(settings, data.scene, surface)
     with stage("building the model"):
-        parts = _parts(settings, registry, method, data, start.scene, corrections, device)
+        if initial is None:
+            initial = read_initial(settings.config.init, registry, start.scene)
+        begun = (start.scene, initial)
+        parts = _parts(settings, registry, method, data, begun, corrections, device)
     _check_parts(settings, parts)
     remarks = (*start.notes, *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
@@ -267,14 +271,13 @@ def _parts(
     registry: Registry,
     method: Method,
     data: DataManager,
-    scene: Scene,
+    begun: tuple[Scene, Splats | None],
     corrections: CaptureCorrections,
     device: torch.device,
 ) -> TrainingParts:
-    """Build the parts of a training loop that starts from ``scene``."""
-    config = settings.config
+    """Build the parts of a training loop that starts from a scene, and splats if there are any."""
+    config, (scene, initial) = settings.config, begun
     operators = choose_operators(registry, device)
-    initial = read_initial(config.init, registry, scene)
     seeded = torch.Generator().manual_seed(config.seed)
     model = method.build_model(scene, operators, seeded, initial)
     check_built("method", settings.method, model, PrimitiveModel)

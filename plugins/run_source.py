@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -11,12 +12,25 @@ from torch import Tensor
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.exchange import ExportSource, SplatFile, StoredModel, TrackFile
+from gsfw.core.exchange import (
+    DepthView,
+    ExportSource,
+    MotionFile,
+    Preview,
+    SplatFile,
+    StoredModel,
+    TrackFile,
+)
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.motion.evaluation import in_world
+from gsfw.core.motion.fit import FittedMotion, fit_motion
 from gsfw.core.splats import Sh, Splats
 from gsfw.core.temporal_metrics.tracks import follow
 from gsfw.plugins.compose import Composition
+from gsfw.plugins.contributions import training_contributions
+from gsfw.plugins.depth_views import depth_views
+from gsfw.plugins.preview import preview
 from gsfw.plugins.rebuild import stored_model
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.snapshot import Snapshot, snapshot
@@ -59,6 +73,55 @@ class RunSource(ExportSource):
         """The splats at one time, in the world of the data."""
         return self.snapshot().content
 
+    @cached_property
+    def fits(self) -> dict[bool, FittedMotion]:
+        """The fits of motion that were asked for, with pieces or without."""
+        return {}
+
+    def fitted_motion(self, *, pieces: bool = True) -> FittedMotion:
+        """The motion of all splats in closed form, in the scene frame, and what the form loses.
+
+        Computed once.
+
+        Raises:
+            ValueError: the model is static, or nothing is seen at any time.
+        """
+        composition = self.restored.composition
+        if not is_dynamic(composition):
+            raise ValueError(f"method {composition.settings.method.name} does not move here")
+        if pieces not in self.fits:
+            self.fits[pieces] = fit_motion(
+                composition.parts.model,
+                composition.scene,
+                data_times(composition),
+                antialiased=composition.plan.settings.antialias,
+                cuts=pieces,
+            )
+        return self.fits[pieces]
+
+    def motion_file(self, *, pieces: bool = True) -> MotionFile:
+        """The splats at all times, in the world of the data; those of a static model at rest.
+
+        Raises:
+            ValueError: nothing is seen at any time.
+        """
+        composition = self.restored.composition
+        if not is_dynamic(composition):
+            return self.splat_file().motion_file()
+        return in_world(self.fitted_motion(pieces=pieces).file, composition.scene.world_from_scene)
+
+    def depth_views(self) -> list[DepthView]:
+        """Training views at ``time``, evenly spread over all, with depth.
+
+        Raises:
+            ValueError: the rasterizer renders no depth.
+        """
+        return depth_views(self.restored, self.time)
+
+    def preview(self) -> Preview:
+        """Some training views, and the image of the first one."""
+        return preview(self.restored)
+
     def stored_model(self) -> StoredModel:
         """The whole model.
 
@@ -66,6 +129,17 @@ class RunSource(ExportSource):
             ValueError: the model has state that is no tensor; names it.
         """
         return stored_model(self.restored)
+
+    def contributions(self) -> Float[Tensor, " n"] | None:
+        """Contribution of each row to the training views, float64 on the CPU; computed once.
+
+        ``None`` where the run's rasterizer cannot measure it.
+        """
+        return self._contributions
+
+    @cached_property
+    def _contributions(self) -> Float[Tensor, " n"] | None:
+        return training_contributions(self.restored.composition)
 
     @torch.no_grad()
     def track_file(self) -> TrackFile:

@@ -6,7 +6,7 @@ The model is the one that ``init=FILE`` makes, so that all that takes a run take
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -25,7 +25,7 @@ from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh
 from gsfw.plugins.compose import compose
-from gsfw.plugins.initial_splats import find_importer
+from gsfw.plugins.initial_splats import find_importer, in_scene
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.settings import Layer, resolve
@@ -71,19 +71,37 @@ def open_splats(path: Path, registry: Registry, changed: Layer | None = None) ->
         "background": "black",
     }
     layers = [Layer(f"splat file {path}", values), *([changed] if changed else [])]
-    scene = _scene(path, content)
-    cameras = _around(scene, _up(content))
+    scene, cameras = surroundings(path.stem, content)
     views = {
         Split.TRAIN: Views(tuple(f"around_{n:02d}" for n in range(len(cameras))), cameras),
         Split.EVAL: Views(("before",), cameras[:1]),
     }
-    capture = _SplatCapture(scene, views, str(path), has_data=False)
-    composition = compose(resolve(registry, layers), registry, data=capture)
+    capture = _SplatCapture(scene, views, str(path), content.notes())
+    initial = in_scene(content, scene)
+    del content  # Most of the memory, in double precision.
+    composition = compose(resolve(registry, layers), registry, data=capture, initial=initial)
     return Restored(RunFolder(path.parent), composition, {"step": 0})
+
+
+def surroundings(name: str, content: SplatFile) -> tuple[Scene, tuple[Cameras, ...]]:
+    """The scene of the splats of a file, with this name, and the cameras around it."""
+    scene = _scene(name, content)
+    return scene, _around(scene, _up(content))
 
 
 class _SplatCapture(StoredCapture):
     """Cameras that nobody stood at."""
+
+    def __init__(
+        self, scene: Scene, views: Mapping[Split, Views], source: str, notes: tuple[str, ...]
+    ) -> None:
+        """Store the cameras around the splats of a file, and the notes on it."""
+        super().__init__(scene, views, source, has_data=False)
+        self._notes = notes
+
+    def notes(self) -> tuple[str, ...]:
+        """The notes on the file."""
+        return self._notes
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """Raise an error: there are no images.
@@ -103,14 +121,14 @@ def inner_box(means: Float[Tensor, "n 3"]) -> Float64[Tensor, "2 3"]:
     return torch.quantile(sample, torch.tensor([OUTSIDE, 1 - OUTSIDE]).double(), dim=0)
 
 
-def _scene(path: Path, content: SplatFile) -> Scene:
+def _scene(name: str, content: SplatFile) -> Scene:
     """The scene: around its middle, nearly all splats within a distance of about 1."""
     ends = inner_box(content.splats.means)
     size = max(float((ends[1] - ends[0]).norm()) / 2, 1e-9)
     placed = Similarity(scale=size, translation=ends.mean(0))
     none = torch.zeros(0, 3)
     return Scene(
-        path.stem, none, none, none, extent=1.1 * DISTANCE, world_from_scene=placed, up=content.up
+        name, none, none, none, extent=1.1 * DISTANCE, world_from_scene=placed, up=content.up
     )
 
 

@@ -113,7 +113,7 @@ def full_key(key: str) -> str:
     return f"callbacks.viewer.{rest or 'enabled'}" if head == "viewer" else key
 
 
-def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a dataclass field
+def positional(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a dataclass field
     """An option as a bare word; required, unless it has a default."""
     metadata = {"word": name}
     if default is None:
@@ -121,7 +121,7 @@ def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a data
     return field(default=default, metadata=metadata)
 
 
-def words(name: str, least: int = 1) -> Any:  # noqa: ANN401 - a dataclass field
+def positionals(name: str, least: int = 1) -> Any:  # noqa: ANN401 - a dataclass field
     """An option as ``least`` or more bare words, after all other words of its verb."""
     return field(default=(), metadata={"word": name, "many": True, "least": least})
 
@@ -131,7 +131,7 @@ class Options:
     """Options of a verb; the docstring's first line is the summary of the verb.
 
     A verb derives from it (``@dataclass(kw_only=True)``). A field is an option KEY=VALUE, whose
-    docstring is its help; ``word`` makes it a bare word.
+    docstring is its help; ``positional`` makes it a bare word.
     """
 
     examples: ClassVar[tuple[str, ...]] = ()
@@ -146,7 +146,7 @@ class Options:
 VerbOptions = TypeVar("VerbOptions", bound=Options)
 
 
-def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptions:
+def read_options(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptions:
     """Parse the options of a verb without settings of a method.
 
     Raises:
@@ -219,7 +219,7 @@ def _stray_word(verb: str, kind: type[Options], text: str) -> tuple[str, str]:
 class RunOptions(Options):
     """Options of every verb that opens a run."""
 
-    run: str = word("RUN")
+    run: str = positional("RUN")
     """A run folder, a checkpoint, a model file (.gsfw), or latest."""
     data: str = ""
     """Place of the data set. Empty: its place in training; a model file needs none."""

@@ -20,6 +20,7 @@ from typing import Any, Literal, get_args, get_origin
 from gsfw.commands.interface.arguments import HelpRequested, Options
 from gsfw.commands.interface.runs import LATEST
 from gsfw.core.config import AUTO
+from gsfw.plugins.exporters import exporter_options
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
 from gsfw.plugins.registry import SLOTS, Registry
@@ -32,6 +33,8 @@ FILES = ("data", "out", "config", "init", "images", "masks")
 FLAG_KEYS = ("json", "debug")
 SETTINGS_VERBS = ("train", "config")
 """Verbs that take every setting of a method."""
+FORMAT_VERBS = ("export", "convert", "edit")
+"""Verbs that take the options of a format."""
 VALUES = {
     "device": (AUTO, "cpu", "cuda"),
     "slot": tuple(SLOTS),
@@ -41,6 +44,8 @@ VALUES = {
 """Values of keys of text, by name."""
 VERB_SLOTS = {
     ("export", "format"): "exporter",
+    ("convert", "format"): "exporter",
+    ("edit", "format"): "exporter",
     ("info", "format"): "datamanager",
 }
 """Keys of verbs whose values are names of a slot of another name."""
@@ -58,6 +63,8 @@ def completion_table(registry: Registry) -> list[str]:
         for kind in _options(run):
             lines += _option_lines(verb, kind, registry)
         lines.append(f"{verb}|--help|")
+    for verb in FORMAT_VERBS:
+        lines += _format_lines(verb, registry)
     for verb in SETTINGS_VERBS:
         lines += _setting_lines(verb, registry)
     lines += [*_resume_lines(lines), *_following_lines(lines)]
@@ -94,6 +101,13 @@ def _option_lines(verb: str, kind: type[Options], registry: Registry) -> Iterato
         if key.name not in words:
             slot = VERB_SLOTS.get((verb, key.name), key.name)
             yield f"{verb}|{key.name}=|{' '.join(_values(key, slot, registry))}"
+
+
+def _format_lines(verb: str, registry: Registry) -> Iterator[str]:
+    """The options of each format."""
+    for name, kind in load_all("exporter", registry).items():
+        for key in exporter_options(kind):
+            yield f"{verb} format={name}|{_line(key, registry)}"
 
 
 def _setting_lines(verb: str, registry: Registry) -> Iterator[str]:

@@ -15,7 +15,14 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TypeVar
 
-from gsfw.commands.interface.arguments import Arguments, Options, full_key, layers, parse, read
+from gsfw.commands.interface.arguments import (
+    Arguments,
+    Options,
+    full_key,
+    layers,
+    parse,
+    read_options,
+)
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.files.atomic import write_atomically
@@ -65,11 +72,11 @@ def read_both(
 
     Raises:
         HelpRequested: ``--help`` was given.
-        ConfigError: as of ``read``; says where keys of the two commands belong.
+        ConfigError: as of ``read_options``; says where keys of the two commands belong.
     """
     own, following = split(tokens)
     try:
-        options = read(verb, kind, own)
+        options = read_options(verb, kind, own)
     except ConfigError as error:
         if parse(own).values.keys() <= {"help", *_names(kind)}:
             raise

@@ -58,7 +58,7 @@ def options_help(verb: str, kind: type[Options]) -> str:
             "",
             cleandoc(kind.__doc__ or ""),
             "",
-            render_table(("", "", ""), [*rows, *map(_row, options)]),
+            render_table(("", "", ""), [*rows, *map(option_row, options)]),
             *_examples(kind.examples),
         ]
     )
@@ -90,7 +90,7 @@ def settings_help(verb: str, settings: Settings, registry: Registry, problem: st
     for key in keys(settings.config):
         group = key.name.rpartition(".")[0]
         rows = callbacks if group.startswith("callbacks.") else groups.setdefault(group, [])
-        rows.append(_row(key))
+        rows.append(option_row(key))
     groups["callbacks"] = callbacks
     widths = [
         max(len(row[column]) for rows in groups.values() for row in rows) for column in (0, 1)
@@ -117,7 +117,8 @@ def _whose_values(settings: Settings, problem: str) -> str:
     return f"Values of a run on {data} with the given settings (gsfw config show names sources):"
 
 
-def _row(key: Key) -> tuple[str, str, str]:
+def option_row(key: Key) -> tuple[str, str, str]:
+    """The row of an option in a table of help: KEY=VALUE, type, meaning."""
     from gsfw.plugins.values import as_text, describe
 
     return f"{key.name}={as_text(key.value)}", describe(key.kind).removeprefix("a "), key.help

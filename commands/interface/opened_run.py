@@ -81,7 +81,7 @@ def open_run(
 
     found = runs.find_run(str(run), lambda _: None)
     changed = RunOptions(run=str(run), data=data, device=device).changed()
-    restored = runs.open_run(found, installed(), changed, step)
+    restored = runs.restore_run(found, installed(), changed, step)
     parts = restored.composition.parts
     return OpenedRun(
         name=found.name,

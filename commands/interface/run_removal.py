@@ -13,6 +13,7 @@ from gsfw.commands.interface.new_run import OTHERS
 from gsfw.commands.interface.runs import RUNS, RunArgument
 from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.core.files.folder_lock import LOCK, holder, only_one
+from gsfw.core.files.size import bytes_of
 from gsfw.core.loop.run_folder import RunFolder
 
 
@@ -69,11 +70,6 @@ def _is_made_by_gsfw(folder: RunFolder) -> bool:
     return (is_ours and (has_lock or has_state)) or (has_lock and has_state)
 
 
-def size_of(folder: Path) -> int:
-    """Bytes of all files below a folder; links count as themselves."""
-    return sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
-
-
 def remove_run(path: Path) -> int:
     """Remove a run, and parent folders below ``runs`` that are empty then; the bytes freed.
 
@@ -81,7 +77,7 @@ def remove_run(path: Path) -> int:
         OutputError: somebody trains it by now, or a file cannot be removed.
     """
     path = path.resolve()  # A folder cannot be removed under a name that ends in "..".
-    freed = size_of(path)
+    freed = bytes_of(path)
     with only_one(path, OTHERS, "Wait for it, or end it."):
         try:
             shutil.rmtree(path)

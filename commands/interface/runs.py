@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.run_history import remembered_runs
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.plugins.registry import Registry, did_you_mean
-from gsfw.plugins.unread_splats import refuse_unread_splats
+from gsfw.plugins.registry import Registry, did_you_mean, installed
 
 if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
+    from gsfw.plugins.compose import Composition
     from gsfw.plugins.restore import Restored
     from gsfw.plugins.settings import Layer
 
@@ -37,7 +38,7 @@ class RunArgument:
     model_file: Path | None = None
     """The given model file in place of a run."""
     splat_file: Path | None = None
-    """The given file of splats in place of a run."""
+    """The given file of splats, or folder with them, in place of a run."""
 
     @property
     def name(self) -> str:
@@ -51,7 +52,7 @@ def find_run(text: str, say: Callable[[str], None], splats: bool = False) -> Run
     Args:
         text: the argument.
         say: receives a line on which run the latest is, if it is not below ``runs``.
-        splats: a file of splats may be in place of a run.
+        splats: a file of splats, or a folder with them, may be in place of a run.
 
     Raises:
         DataError: there is none; suggests the nearest name.
@@ -69,10 +70,43 @@ def find_run(text: str, say: Callable[[str], None], splats: bool = False) -> Run
         kind = "run or splat file" if splats else "run"
         raise DataError(f"there is no {kind} {text}.{_nearest(path)}", _advice(splats))
     folder = RunFolder(path)
-    if not folder.config.is_file():
-        refuse_unread_splats(path)
+    if folder.config.is_file():
+        return RunArgument(folder, None)
+    if not _holds_splats(path):
+        _refuse_sequence(path)
         raise DataError(f"{text} is not a run: it has no {folder.config.name}.", _advice(splats))
-    return RunArgument(folder, None)
+    if splats:
+        return RunArgument(RunFolder(path.parent), None, splat_file=path)
+    raise DataError(
+        f"{text} holds splats, and is not a run: it has no photos to compare with, and no training "
+        "to continue.",
+        f"For splats there are: gsfw info {text}; gsfw view {text}; gsfw render {text}; "
+        f"gsfw convert {text} OUT; gsfw train method=3dgs init={text}",
+    )
+
+
+def _holds_splats(path: Path) -> bool:
+    """True if an importer recognises a file or folder."""
+    from gsfw.plugins.initial_splats import importer_of
+
+    return importer_of(path, installed()) is not None
+
+
+def _refuse_sequence(path: Path) -> None:
+    """Refuse a folder of splat files, one for each time.
+
+    Raises:
+        DataError: it is one; says what opens.
+    """
+    from gsfw.formats.splat_sequence import files_of
+
+    names = files_of(path)
+    if names:
+        raise DataError(
+            f"{path} is a sequence of {len(names)} splat files, one for each time.",
+            f"Give one of them, such as {path / names[0]}; or, for all times, the run that it was "
+            "exported from, or its model file (gsfw export RUN format=gsfw).",
+        )
 
 
 def newest_runs() -> list[Path]:
@@ -130,7 +164,7 @@ def _advice(splats: bool) -> str:
     )
 
 
-def open_run(
+def restore_run(
     found: RunArgument, registry: Registry, changed: Layer | None = None, step: int | None = None
 ) -> Restored:
     """Open a run at one of its checkpoints, or a model file.
@@ -149,6 +183,12 @@ def open_run(
 
     with stage(f"opening {found.name}"):
         return _open(found, registry, changed, step)
+
+
+def warn_of_file(found: RunArgument, composition: Composition, console: Console) -> None:
+    """Warn of what was left out of a splat file; of runs, training has told."""
+    for note in composition.parts.data.notes() if found.splat_file is not None else ():
+        console.warn(note)
 
 
 def _open(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.commands.interface.arguments import RunOptions, read_options
 from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
@@ -56,14 +56,14 @@ class ModelOptions(RunOptions):
 
 def run(arguments: list[str]) -> int:
     """Measure, print, and recommend."""
-    options = read("tradeoff", ModelOptions, arguments)
+    options = read_options("tradeoff", ModelOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
     check_numbers({"views": (options.views, 1), "repeats": (options.repeats, 1)}, options.budget)
 
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.interface.runs import find_run, open_run
+    from gsfw.commands.interface.runs import find_run, restore_run
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
@@ -75,8 +75,8 @@ def run(arguments: list[str]) -> int:
     from gsfw.studies.tradeoff.variant import AXES
 
     console, registry = Console(options.json), installed()
-    found = find_run(options.run, console.say)
-    restored = open_run(found, registry, options.changed())
+    found = find_run(options.run, console.say, splats=True)
+    restored = restore_run(found, registry, options.changed())
     is_file = found.model_file is not None
     model = FinishedModel(restored, registry, found.name, options.views, is_file)
     variants, left_out = catalogue(model, [axis for axis in AXES if _wanted(axis, options)])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Arguments, Options, layers, read
+from gsfw.commands.interface.arguments import Arguments, Options, layers, read_options
 from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _split(arguments: Arguments) -> tuple[TrainingOptions, dict[str, Any]]:
     rest: list[tuple[str, str]] = []
     for key, text in arguments.pairs:
         (own if key.partition(".")[0] in OWN else rest).append((key, text))
-    options = read("tradeoff", TrainingOptions, [f"{key}={text}" for key, text in own])
+    options = read_options("tradeoff", TrainingOptions, [f"{key}={text}" for key, text in own])
     given: dict[str, Any] = {"method": USUAL_METHOD}
     for layer in layers(Arguments((), tuple(rest))):
         given |= {key: value for key, value in layer.values.items() if layer.gives(key)}

@@ -15,6 +15,7 @@ from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.ply import PlyImporter
+from gsfw.plugins.exporters import writable_suffixes
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 from gsfw.plugins.snapshot import Snapshot
@@ -70,7 +71,8 @@ def test_an_exported_run_draws_the_same_held_out_pictures_in_the_world_of_the_da
         camera.to(dtype=torch.float64), world_to_camera=world.camera(camera.world_to_camera)
     )
     exact = replace(settings, background=settings.background.double())
-    after = parts.rasterizer.render(content.splats, moved, exact).color
+    splats = content.splats.map(torch.Tensor.double)
+    after = parts.rasterizer.render(splats, moved, exact).color
     assert float(before.std()) > 0.05
     assert float((before - after).abs().max()) < 1e-4
 
@@ -93,9 +95,10 @@ def test_a_step_without_a_checkpoint_lists_those_there_are(run, capsys):
 
 def test_an_unknown_format_names_those_there_are(run, capsys):
     assert main(["export", str(run), "format=plx"]) == 2
+    names = ", ".join(sorted(installed().slot("exporter")))
     assert (
         capsys.readouterr().err
-        == "error: no exporter 'plx'. Did you mean 'ply'?\nInstalled: gsfw, ply, tracks.\n"
+        == f"error: no exporter 'plx'. Did you mean 'ply'?\nInstalled: {names}.\n"
     )
     assert not RunFolder(run).splats.exists()
 
@@ -108,11 +111,12 @@ def test_the_suffix_of_the_file_chooses_the_format_as_in_model_save(run, tmp_pat
 
 
 def test_a_suffix_that_nothing_writes_is_refused_unless_the_format_is_given(run, tmp_path, capsys):
-    out = tmp_path / "splats.spz"
+    out = tmp_path / "splats.xyz"
     assert main(["export", str(run), f"out={out}"]) == 2
     assert capsys.readouterr().err == (
-        f"error: out={out}: no exporter writes files that end in '.spz'.\n"
-        "Suffixes that can be written: .gsfw, .ply, .npz. Or give the format: format=ply\n"
+        f"error: out={out}: no exporter writes files that end in '.xyz'.\n"
+        f"Suffixes that can be written: {writable_suffixes(installed())}. Or give the format: "
+        "format=ply\n"
     )
     assert not out.exists()
     assert main(["export", str(run), f"out={out}", "format=ply"]) == 0

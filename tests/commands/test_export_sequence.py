@@ -103,3 +103,38 @@ def test_a_static_method_on_data_that_moves_is_refused(tmp_path, capsys):
         "error: times=3: method 3dgs is static, so all files would be the same.\n"
         "Leave times out for one file.\n"
     )
+
+
+def test_a_sequence_is_no_run_and_the_message_says_what_opens(run, tmp_path, capsys):
+    assert main(["export", str(run), "times=2", f"out={tmp_path}"]) == 0
+    capsys.readouterr()
+    assert main(["render", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == (
+        f"error: {tmp_path} is a sequence of 2 splat files, one for each time.\n"
+        f"Give one of them, such as {tmp_path / 'splats_0000.ply'}; or, for all times, the run "
+        "that it was exported from, or its model file (gsfw export RUN format=gsfw).\n"
+    )
+
+
+def test_a_sequence_may_be_of_any_format_of_splats(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(PlyExporter, "suffix", ".two.ply")
+    assert main(["export", str(run), "format=ply", "times=3", f"out={tmp_path}"]) == 0
+    assert main(["export", str(run), "format=ply", "times=2", f"out={tmp_path}"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "splats_0000.two.ply", "splats_0001.two.ply", "times.json",
+    ]  # fmt: skip
+
+
+def test_a_format_of_all_times_makes_no_sequence(run, tmp_path, capsys):
+    out = tmp_path / "sequence"
+    assert main(["export", str(run), "format=splatv", "times=2", f"out={out}"]) == 2
+    assert "holds splats at all times: leave out time and times" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(capsys):
+    assert main(["export", "run", "times=3", "out=scene.spz"]) == 2
+    assert capsys.readouterr().err == (
+        "error: out=scene.spz: times=3 writes a folder of files.\n"
+        "Give a folder, and the format of its files: out=scene format=spz\n"
+    )

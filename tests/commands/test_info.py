@@ -12,6 +12,7 @@ from gsfw.core.exchange import SplatFile
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.formats.ply import PlyExporter
+from gsfw.plugins.registry import installed
 
 
 @pytest.fixture
@@ -136,7 +137,7 @@ def test_a_file_of_no_known_kind_names_those_that_are(tmp_path, capsys):
     said = refusal(capsys, path)
     assert said.startswith(
         f"error: {path} is neither a splat file nor a data set that can be read here.\n"
-        "Splat files: ply. Data sets: "
+        f"Splat files: {', '.join(installed().slot('importer'))}. Data sets: "
     )
 
 

@@ -11,6 +11,7 @@ import pytest
 import torch
 from PIL import Image
 
+from gsfw.api.models import load
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.maths.frame import transform_splats
@@ -120,6 +121,29 @@ def test_a_splat_file_of_it_is_that_of_the_run(run, model, tmp_path):
     copy = shutil.copy(model, tmp_path / "a.gsfw")
     assert main(["export", str(copy), "time=0.5"]) == 0
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "run.ply").read_bytes()
+
+
+def test_smaller_files_are_made_of_runs_and_of_model_files(run, model, tmp_path, capsys):
+    small, smaller = tmp_path / "small.gsfw", tmp_path / "smaller.gsfw"
+    words = ["format=gsfw", "format.precision=compressed"]
+    assert main(["export", str(run), *words, f"out={small}"]) == 0
+    assert main(["export", str(model), *words, "format.step=4", f"out={smaller}"]) == 0
+    assert smaller.stat().st_size < small.stat().st_size < model.stat().st_size / 3
+    capsys.readouterr()
+    assert main(["info", str(small), "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["precision"], document["version"]) == ("compressed", 2)
+    converted = tmp_path / "converted.gsfw"
+    assert main(["convert", str(run), str(converted), *words[1:]]) == 0
+    saved = load(run).save(tmp_path / "saved.gsfw", options={"precision": "compressed"})
+    assert small.read_bytes() == converted.read_bytes() == saved.read_bytes()
+    found = []
+    for path in (model, small):
+        out = tmp_path / path.stem
+        options = ["what=orbit", "frames=1", "time=0.5", "video=none", f"out={out}"]
+        assert main(["render", str(path), *options]) == 0
+        found.append(pixels(out / "orbit" / "0000.png").astype(float))
+    assert np.abs(found[0] - found[1]).mean() < 4
 
 
 def test_info_needs_neither_the_data_nor_the_state(model, without_data, capsys):
@@ -251,11 +275,11 @@ def test_the_document_names_every_field_of_the_header_and_every_column(model):
 def test_a_file_of_a_newer_gsfw_says_which(model, tmp_path, capsys):
     from gsfw.formats.array_archive import ArrayArchive, write_archive
 
-    header = {"format": "gsfw model", "version": 2, "gsfw": "9.1"}
+    header = {"format": "gsfw model", "version": 3, "gsfw": "9.1"}
     write_archive(tmp_path / "new.gsfw", ArrayArchive(header, {}))
     assert main(["info", str(tmp_path / "new.gsfw")]) == 2
     said = capsys.readouterr().err
-    assert "new.gsfw is in version 2 of the format; this gsfw reads 1.\n" in said
+    assert "new.gsfw is in version 3 of the format; this gsfw reads 2.\n" in said
     assert "It was written by gsfw 9.1; this is " in said
 
 

@@ -14,7 +14,7 @@ import torch
 from PIL import Image
 from support.moving_scene import SMALL_MOVING_SCENE
 
-from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.commands.main import main
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import write_atomically
@@ -178,7 +178,7 @@ def test_a_path_begins_and_ends_at_views(moving_run, tmp_path):
 
 
 def test_a_file_of_key_frames_is_a_film_of_its_own(moving_run, tmp_path, capsys):
-    restored = open_run(find_run(str(moving_run), print), installed())
+    restored = restore_run(find_run(str(moving_run), print), installed())
     data = restored.composition.parts.data
     camera = find_camera(data, "eval_001")
     pose = data.scene.world_from_scene.camera(camera.world_to_camera[0])

@@ -6,9 +6,9 @@ from functools import cache
 import pytest
 import torch
 
-from gsfw.commands.interface.arguments import read
+from gsfw.commands.interface.arguments import read_options
 from gsfw.commands.interface.render_rules import check_channels, check_options
-from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.commands.render import RenderOptions, render_request
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import installed
@@ -36,7 +36,7 @@ def partners(token: str) -> list[str]:
 
 
 def options_of(*tokens: str) -> RenderOptions:
-    options = read("render", RenderOptions, ["run", *tokens])
+    options = read_options("render", RenderOptions, ["run", *tokens])
     check_options(options)
     check_channels(options)
     return options
@@ -135,7 +135,7 @@ def shown(moving_run, tmp_path_factory):
         patch.setattr(trails, "OPAQUE", 0.01)  # Five steps make nothing opaque.
         patch.setattr(request, "choose_format", lambda asked: asked)
         patch.setattr(request, "write_film", written_film)
-        composition = open_run(find_run(str(moving_run), print), installed()).composition
+        composition = restore_run(find_run(str(moving_run), print), installed()).composition
         folder = tmp_path_factory.mktemp("pairs")
         patch.chdir(folder)
         data = composition.parts.data

@@ -19,6 +19,7 @@ from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.rebuild import rebuild, stored_model
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
+from gsfw.plugins.run_source import RunSource
 from gsfw.plugins.settings import Layer, resolve
 
 SMALL = {
@@ -83,6 +84,10 @@ def reloaded(restored, path, changed=None):
     return rebuild(read_model_file(path), path, installed(), changed)
 
 
+def psnr(first, second):
+    return float(-10 * (first - second).square().mean().log10())
+
+
 def image(run):
     """What a held-out camera sees, decoded."""
     parts, settings = run.composition.parts, run.composition.plan.settings
@@ -97,6 +102,24 @@ def bits(splats):
 
 def test_every_registered_method_is_tested():
     assert {settings["method"] for settings in MODELS.values()} >= set(installed().slot("method"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_smaller_files_look_nearly_the_same(name, tmp_path):
+    run = trained(MODELS[name], tmp_path)
+    whole, path = image(run), tmp_path / "model.gsfw"
+    sizes = []
+    for options, least in (
+        ({"precision": "float16"}, 55),
+        ({"precision": "compressed", "step": 0.1}, 45),
+        ({"precision": "compressed"}, 30),
+    ):
+        ModelFileExporter(**options).write(path, RunSource(run))
+        again = rebuild(read_model_file(path), path, installed())
+        assert psnr(image(again), whole) > least, options
+        sizes.append(path.stat().st_size)
+    assert sizes[2] < sizes[0]
 
 
 @pytest.mark.parametrize("name", MODELS)

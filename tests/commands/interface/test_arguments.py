@@ -5,7 +5,14 @@ from typing import ClassVar, Literal
 
 import pytest
 
-from gsfw.commands.interface.arguments import HelpRequested, Options, layers, parse, read, word
+from gsfw.commands.interface.arguments import (
+    HelpRequested,
+    Options,
+    layers,
+    parse,
+    positional,
+    read_options,
+)
 from gsfw.core.errors import ConfigError
 
 
@@ -15,9 +22,9 @@ class DrawOptions(Options):
 
     examples: ClassVar[tuple[str, ...]] = ("gsfw draw latest",)
 
-    run: str = word("RUN")
+    run: str = positional("RUN")
     """A run folder."""
-    target: str = word("FILE", default="")
+    target: str = positional("FILE", default="")
     """Where to."""
     split: Literal["eval", "train"] = "eval"
     """Which pictures."""
@@ -27,7 +34,7 @@ class DrawOptions(Options):
 
 def refusal(*tokens: str) -> str:
     with pytest.raises(ConfigError) as caught:
-        read("draw", DrawOptions, tokens)
+        read_options("draw", DrawOptions, tokens)
     return str(caught.value)
 
 
@@ -83,9 +90,9 @@ def test_config_files_come_before_what_is_typed(tmp_path):
 
 
 def test_options_are_read_by_type_and_words_by_place():
-    options = read("draw", DrawOptions, ["frames=3", "latest", "split=train", "--json"])
+    options = read_options("draw", DrawOptions, ["frames=3", "latest", "split=train", "--json"])
     assert options == DrawOptions(run="latest", frames=3, split="train", json=True)
-    assert read("draw", DrawOptions, ["latest", "a.png"]).target == "a.png"
+    assert read_options("draw", DrawOptions, ["latest", "a.png"]).target == "a.png"
 
 
 def test_each_mistake_in_options_has_its_message():
@@ -104,7 +111,7 @@ def test_each_mistake_in_options_has_its_message():
 
 def test_help_shows_usage_words_keys_and_examples():
     with pytest.raises(HelpRequested) as caught:
-        read("draw", DrawOptions, ["--help"])
+        read_options("draw", DrawOptions, ["--help"])
     lines = [" ".join(line.split()) for line in str(caught.value).splitlines()]
     assert lines == [
         "usage: gsfw draw RUN FILE [key=value ...]",

@@ -1,0 +1,307 @@
+"""`gsfw convert IN OUT`: splats from one file format to another, and what is lost on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.commands.interface.arguments import Options, positional
+from gsfw.commands.interface.format_options import read_with_format
+from gsfw.core.files.size import bytes_of
+from gsfw.core.progress import stage
+from gsfw.core.words import size
+
+if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import RunArgument
+    from gsfw.core.exchange import Exporter, ExportSource, SplatFile
+    from gsfw.plugins.registry import Registry
+
+MOST = 1_500_000
+"""Splats that are compared by default: about a minute on two cores."""
+
+
+@dataclass(kw_only=True)
+class ConvertOptions(Options):
+    """Convert splats from one file format to another, and measure what is lost."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw convert splats.ply splats.spz",
+        "gsfw convert splats.ply splats.spz format.version=4 sh_degree=2",
+        "gsfw convert runs/moving half.compressed.ply time=0.5 json=true",
+    )
+
+    source: str = positional("IN")
+    """A splat file of any format, a folder of one, a model file (.gsfw), a run, or latest."""
+    out: str = positional("OUT")
+    """File to write; a folder for it, if format is given. Its suffix chooses the format."""
+    format: str = ""
+    """Format of OUT: one of the exporters that gsfw plugins lists. Empty: by the suffix of OUT.
+    Some formats have options, format.KEY=VALUE: format=NAME --help lists them."""
+    time: float = 0.0
+    """Time of a moving model or file, in [0, 1]; splats at rest ignore it."""
+    sh_degree: int | None = None
+    """Degree of view dependence above which nothing is written. none: all of it."""
+    check: Literal["auto", "true", "false"] = "auto"
+    """Read OUT back, and compare images of both from places around IN (PSNR). auto: up to 1.5
+    million splats, which takes about a minute."""
+
+
+def run(arguments: list[str]) -> int:
+    """Convert, and print counts, sizes and the loss."""
+    options, given = read_with_format("convert", ConvertOptions, arguments)
+    _check_numbers(options)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
+
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run
+    from gsfw.plugins.exporters import make_exporter
+    from gsfw.plugins.registry import installed
+
+    registry, console = installed(), Console(options.json)
+    form = options.format or _format_of(Path(options.out), registry)
+    exporter = make_exporter(form, registry, given)
+    found = find_run(options.source, console.say, splats=True)
+    _check_fit(options, form, exporter, found)
+    path = _target(options, exporter, found)
+    document = _Conversion(options, form, exporter, found, path, registry, console).write()
+    console.result(document)
+    return 0
+
+
+def _check_numbers(options: ConvertOptions) -> None:
+    """Check the options before anything is loaded.
+
+    Raises:
+        ConfigError: a number is out of range.
+    """
+    from gsfw.core.errors import ConfigError
+
+    if not 0 <= options.time <= 1:
+        raise ConfigError(f"time={options.time:g}: expected a time in [0, 1].")
+    if options.sh_degree is not None and options.sh_degree < 0:
+        raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
+
+
+def _check_fit(options: ConvertOptions, form: str, exporter: Exporter, found: RunArgument) -> None:
+    """Check that the options fit what is written.
+
+    Raises:
+        ConfigError: one is for splats at one time, and the format holds more.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.core.exchange import Holds
+
+    is_whole = found.splat_file is None or exporter.holds is Holds.MODEL
+    if (
+        exporter.holds is not Holds.SPLATS
+        and is_whole
+        and (options.time or options.sh_degree is not None)
+    ):
+        raise ConfigError(
+            f"format {form} holds {exporter.holds.value}: time and sh_degree are for splats at one "
+            "time.",
+            "Leave them out, or choose another format, such as ply.",
+        )
+
+
+def _format_of(out: Path, registry: Registry) -> str:
+    """The format that writes files with the suffix of OUT.
+
+    Raises:
+        ConfigError: there is none; lists the suffixes.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.plugins.exporters import format_of, writable_suffixes
+
+    form = None if out.is_dir() else format_of(out, registry)
+    if form is None:
+        cause = f"no format ends in {out.suffix.lower()!r}" if out.suffix else "it has no suffix"
+        cause = "it is a folder" if out.is_dir() else cause
+        raise ConfigError(
+            f"{out}: the format of OUT is not known, since {cause}.",
+            f"Suffixes that can be written: {writable_suffixes(registry)}. Or give the format: "
+            "format=ply",
+        )
+    return form
+
+
+def _target(options: ConvertOptions, exporter: Exporter, found: RunArgument) -> Path:
+    """The path of OUT; nothing of IN is at it.
+
+    Raises:
+        ConfigError: OUT is IN, or a part of it.
+    """
+    from gsfw.core.errors import ConfigError
+
+    out, source = Path(options.out), found.splat_file or found.model_file or found.folder.path
+    if out.is_dir() and not exporter.is_folder:
+        out = out / f"{source.name.partition('.')[0]}{exporter.suffix}"
+    place, origin = out.resolve(), source.resolve()
+    is_input = out.exists() and out.samefile(source)
+    is_part = found.splat_file is not None and origin in place.parents
+    has_input = exporter.is_folder and place in origin.parents
+    if is_input or is_part or has_input:
+        what = "are the same" if is_input else "lie in one another"
+        raise ConfigError(
+            f"IN and OUT {what}: {source} would be overwritten by {out}.", "Give OUT another name."
+        )
+    return out
+
+
+@dataclass(frozen=True)
+class _Input:
+    """The content of IN."""
+
+    source: ExportSource
+    """Content for the exporter."""
+    splats: SplatFile | None
+    """Its splats at one time; ``None`` if the format holds more of a run."""
+
+
+@dataclass(frozen=True)
+class _Conversion:
+    """One call of the verb."""
+
+    options: ConvertOptions
+    form: str
+    exporter: Exporter
+    found: RunArgument
+    path: Path
+    registry: Registry
+    console: Console
+
+    def write(self) -> dict[str, Any]:
+        """Write OUT, say what is in it, and return the document."""
+        from gsfw.commands.export import rounding_note
+        from gsfw.plugins.exporters import readable_value_errors
+
+        taken = self._input()
+        source, invisible = taken.source, 0
+        if taken.splats is not None:
+            source, invisible = self._smaller(taken.splats)
+        with readable_value_errors(self.path, self.form), stage(f"writing {self.path.name}"):
+            self.exporter.write(self.path, source)
+        document: dict[str, Any] = {
+            "source": self.options.source,
+            "written": str(self.path),
+            "format": self.form,
+            "bytes_before": self._bytes_before(),
+            "bytes": bytes_of(self.path),
+        }
+        if taken.splats is None:
+            self.console.say(f"{self.options.source} to {self._sizes(document)}")
+            return document
+        count = len(source.splat_file().splats)
+        dropped = taken.splats.num_dropped
+        notes = rounding_note(source.splat_file().splats)
+        document |= {"num_gaussians": count, "num_dropped": dropped, "num_invisible": invisible}
+        self.console.say(f"{count:,} splats of {self.options.source} to {self._sizes(document)}")
+        self._say_left_out(dropped, invisible)
+        document |= self._loss(taken.splats, notes)
+        for note in notes:
+            self.console.warn(note)
+        return {**document, "notes": notes}
+
+    def _input(self) -> _Input:
+        """Read IN.
+
+        Raises:
+            DataError: it is damaged, or of no format that can be read.
+            ConfigError: a time is given, it moves, and the format holds all times.
+        """
+        from gsfw.commands.interface.runs import restore_run
+        from gsfw.core.exchange import Holds
+        from gsfw.plugins.initial_splats import find_importer
+        from gsfw.plugins.run_source import RunSource, data_times
+        from gsfw.plugins.splat_instant import check_time, read_at
+
+        holds, file = self.exporter.holds, self.found.splat_file
+        if file is not None and holds not in (Holds.MODEL, Holds.DEPTHS):
+            with stage(f"reading {file.name}"):
+                if holds is Holds.MOTION:
+                    moving = find_importer(file, self.registry).read_motion(file)
+                    if not moving.is_still:
+                        check_time(self.options.time, self.form, self.exporter)
+                    return _Input(moving, moving.content if moving.is_still else None)
+                content = read_at(file, self.options.time, self.registry)
+            return _Input(content, content)
+        restored = restore_run(self.found, self.registry)
+        source = RunSource(restored, self.options.time, data_times(restored.composition))
+        if holds is not Holds.SPLATS:
+            return _Input(source, None)
+        taken = source.snapshot()
+        return _Input(source, replace(taken.content, num_dropped=taken.num_dropped))
+
+    def _smaller(self, content: SplatFile) -> tuple[SplatFile, int]:
+        """The splats to be written, and the number of invisible ones that are not."""
+        from gsfw.formats.visible_splats import without_invisible
+        from gsfw.studies.tradeoff.edits import ShTruncation
+
+        degree = self.options.sh_degree
+        if degree is not None:
+            content = replace(content, splats=ShTruncation(degree)(content.splats))
+        return without_invisible(content)
+
+    def _bytes_before(self) -> int | None:
+        """Size of IN; ``None`` for a run, which is more than a model."""
+        file = self.found.splat_file or self.found.model_file
+        return None if file is None else bytes_of(file)
+
+    def _sizes(self, document: Mapping[str, Any]) -> str:
+        """OUT with its size: "b.ply, 2.0 MB (4.1 times smaller)"."""
+        before, after = document["bytes_before"], document["bytes"]
+        text = f"{self.path}, {size(after)}"
+        if not before or not after:
+            return text
+        ratio = max(before / after, after / before)
+        if ratio < 1.05:
+            return f"{text} (as before)"
+        return f"{text} ({ratio:.1f} times {'smaller' if after < before else 'larger'})"
+
+    def _say_left_out(self, dropped: int, invisible: int) -> None:
+        parts = [f"{dropped:,} that are not finite"] * bool(dropped)
+        parts += [f"{invisible:,} too faint to be seen"] * bool(invisible)
+        if parts:
+            self.console.say(f"left out: {', '.join(parts)}")
+
+    def _loss(self, before: SplatFile, notes: list[str]) -> dict[str, Any]:
+        """Compare OUT with IN; say the PSNR, or why there is none, and note what is gone."""
+        from gsfw.core.metrics import PSNR_MAX
+        from gsfw.core.splats import Sh
+        from gsfw.plugins.initial_splats import find_importer, importer_of
+        from gsfw.plugins.orbit_psnr import VIEWS, orbit_psnr
+
+        unknown: dict[str, Any] = {"psnr": None, "views": 0}
+        if self.options.check == "false":
+            return unknown
+        readable = self.exporter.is_readable and importer_of(self.path, self.registry) is not None
+        if not readable:
+            self.console.say(f"not compared: nothing here reads format {self.form}")
+            return unknown
+        if self.options.check == "auto" and len(before.splats) > MOST:
+            self.console.say(
+                f"not compared: images of {len(before.splats):,} splats would take over a minute; "
+                "check=true makes them"
+            )
+            return unknown
+        with stage(f"reading {self.path.name}"):
+            after = find_importer(self.path, self.registry).read(self.path)
+        assert isinstance(before.splats.colors, Sh) and isinstance(after.splats.colors, Sh)  # noqa: PT018
+        degrees = before.splats.colors.degree, after.splats.colors.degree
+        if degrees[1] < degrees[0]:
+            self.console.say(f"view dependence (SH): degree {degrees[0]} before, {degrees[1]} now")
+        if before.antialiased and not after.antialiased:
+            notes.append(
+                f"format {self.form} does not say that the splats were trained with antialiasing: "
+                "viewers will show small ones too bright."
+            )
+        psnr = orbit_psnr(before, after)
+        more = " or more: no difference" * (psnr == PSNR_MAX)
+        images = f"{VIEWS} images from all around"
+        self.console.say(f"PSNR against IN in {images}: {psnr:.1f} dB{more}")
+        return {"psnr": round(psnr, 2), "views": VIEWS, "sh_degree": degrees[1]}

@@ -1,0 +1,1 @@
+"""`gsfw edit`: edits of splats and models, step by step."""

@@ -1,0 +1,41 @@
+"""Contributions: what each row of a run's model adds to its training views."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.datamanager import Split
+from gsfw.core.progress import tracked
+from gsfw.plugins.automatic import rasterizer_capabilities
+from gsfw.plugins.compose import Composition
+from gsfw.plugins.registry import installed
+
+MEASURES = Needs(features=frozenset({Feature.CONTRIBUTION}))
+"""The need of a rasterizer that measures contributions."""
+
+
+@torch.no_grad()
+def training_contributions(composition: Composition) -> Float[Tensor, " n"] | None:
+    """Sum over training views and pixels of alpha times transmittance, float64 on the CPU.
+
+    A moving model is rendered at the time of each view. ``None`` where the run's rasterizer cannot
+    measure contributions.
+    """
+    parts, settings = composition.parts, composition.plan.settings
+    name = composition.settings.choices["rasterizer"].name
+    if rasterizer_capabilities(installed())[name].lacking(MEASURES, parts.device.type):
+        return None
+    total = torch.zeros(parts.model.num_rows, dtype=torch.float64)
+    cameras = parts.data.views(Split.TRAIN).cameras
+    what = "measuring what each Gaussian adds to the training views"
+    for camera in tracked(cameras, what, len(cameras)):
+        seen = camera.to(parts.device, torch.float32)
+        splats = parts.model.splats(None if seen.time is None else seen.time[0])
+        splats = splats.map(lambda tensor: tensor.detach().float())
+        added = parts.rasterizer.contributions(splats, seen, settings=settings)
+        rows = slice(None) if splats.rows is None else splats.rows.cpu()
+        total[rows] += added.sum(0).double().cpu()
+    return total

@@ -1,0 +1,104 @@
+"""Exporters: chosen by name, or by the suffix of a file, and made with their options."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import is_dataclass
+from pathlib import Path
+
+from gsfw.core.errors import ConfigError, DataError, UserError
+from gsfw.core.exchange import Exporter
+from gsfw.plugins.keys import Key, keys, suggest_key
+from gsfw.plugins.loading import load, load_all
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.values import as_text, describe, parse
+
+PREFIX = "format."
+"""Beginning of the keys of a format's options on the command line."""
+
+
+def format_of(path: Path, registry: Registry) -> str | None:
+    """The format that writes files with the suffix of ``path``; ``None`` if none does.
+
+    The longest suffix wins (``.compressed.ply`` before ``.ply``); then the format whose name is the
+    suffix, and then the first by name.
+    """
+    kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
+    name = path.name.lower()
+    fitting = [
+        (-len(kind.suffix), f".{form}" != kind.suffix, form)
+        for form, kind in kinds.items()
+        if kind.suffix and name.endswith(kind.suffix)
+    ]
+    return min(fitting)[2] if fitting else None
+
+
+def writable_suffixes(registry: Registry) -> str:
+    """The suffixes of all formats, for messages."""
+    kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
+    return ", ".join(dict.fromkeys(kind.suffix for kind in kinds.values() if kind.suffix))
+
+
+def make_exporter(
+    form: str, registry: Registry, given: Mapping[str, object] | None = None
+) -> Exporter:
+    """The exporter of a format.
+
+    Args:
+        form: its registered name.
+        registry: the installed parts.
+        given: values of its options by name (without ``format.``), as text or as plain data.
+
+    Raises:
+        ConfigError: there is no such format or option, or a value is wrong; lists the options.
+    """
+    kind: type[Exporter] = load("exporter", registry.find("exporter", form))
+    if not given:
+        return kind()
+    known = {key.name: key for key in exporter_options(kind)}
+    values: dict[str, object] = {}
+    for name, value in given.items():
+        full = PREFIX + name
+        text = f"{full}={as_text(value)}"
+        if full not in known:
+            raise ConfigError(
+                f"{text}: format {form} has no option {name!r}.{suggest_key(full, known)}",
+                _listed(form, known),
+            )
+        try:
+            values[name] = parse(known[full].kind, value)
+        except ValueError:
+            raise ConfigError(
+                f"{text}: expected {describe(known[full].kind)}, found {as_text(value)!r}.",
+                f"{full}: {known[full].help}",
+            ) from None
+    return kind(**values)
+
+
+@contextmanager
+def readable_value_errors(path: Path, form: str) -> Iterator[None]:
+    """Turn an exporter's ValueError into a message for the user.
+
+    Raises:
+        DataError: in place of the exporter's ValueError.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except ValueError as error:
+        raise DataError(f"{path}: format {form} cannot hold this model: {error}.") from error
+
+
+def exporter_options(kind: type[Exporter]) -> list[Key]:
+    """The options of a format by full key ("format.version"), with their defaults."""
+    return list(keys(kind(), PREFIX)) if is_dataclass(kind) else []
+
+
+def _listed(form: str, known: Mapping[str, Key]) -> str:
+    """The options of a format as an advice."""
+    if not known:
+        return "It has no options."
+    options = ", ".join(f"{key.name}={as_text(key.value)}" for key in known.values())
+    return f"Options of {form}: {options}. What they do: gsfw export format={form} --help"

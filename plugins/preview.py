@@ -1,0 +1,64 @@
+"""Preview: the first sight of a run on a page, drawn by the run's own rasterizer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.datamanager import Split
+from gsfw.core.exchange import Preview
+from gsfw.core.loop.evaluation import render_model
+from gsfw.core.maths.camera_path import viewing_center
+from gsfw.plugins.restore import Restored
+
+VIEWS = 9
+"""Most views of a preview: one for each digit key."""
+LONGEST_SIDE = 1280
+"""Longest side of the image, in pixels."""
+
+
+@torch.no_grad()
+def preview(restored: Restored) -> Preview:
+    """Some training views, evenly from all of them, and the image of the first one."""
+    composition = restored.composition
+    parts, scene = composition.parts, composition.scene
+    settings = composition.plan.settings
+    cameras = [camera.to("cpu") for camera in parts.data.views(Split.TRAIN).cameras]
+    views = _joined(cameras)
+    world = scene.world_from_scene
+    target = world.apply(viewing_center(views))
+    step = max(1, -(-len(views) // VIEWS))
+    chosen = views.select(slice(None, None, step))
+    first = _shrunk(replace(cameras[0], model=CameraModel.PINHOLE)).to(parts.device)
+    time = None if first.time is None else torch.zeros((), device=parts.device)
+    image = render_model(parts.model, parts.rasterizer, first, settings, time).color[0]
+    background = (0.0, 0.0, 0.0) if settings.background is None else settings.background.tolist()
+    red, green, blue = background
+    return Preview(
+        title=scene.name,
+        views=replace(
+            chosen.to(dtype=torch.float64), world_to_camera=world.camera(chosen.world_to_camera)
+        ),
+        target=target,
+        image=image.cpu(),
+        background=(red, green, blue),
+    )
+
+
+def _joined(cameras: Sequence[Cameras]) -> Cameras:
+    """The poses of all cameras, with the lens of the first one as a pinhole."""
+    first = cameras[0]
+    poses = torch.cat([camera.world_to_camera.detach() for camera in cameras])
+    lenses = first.intrinsics.detach().expand(len(poses), 3, 3)
+    return Cameras(poses, lenses, first.width, first.height)
+
+
+def _shrunk(camera: Cameras) -> Cameras:
+    """The same view at a size for a page."""
+    share = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
+    if share == 1:
+        return camera
+    return camera.resized(round(camera.width * share), round(camera.height * share))

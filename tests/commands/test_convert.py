@@ -1,0 +1,245 @@
+"""`gsfw convert` writes splats in another format, and says what is lost."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from support.scenes import random_splats
+
+from gsfw.commands import convert
+from gsfw.commands.main import main
+from gsfw.core.exchange import Motion, MotionFile, SplatFile
+from gsfw.core.metrics import PSNR_MAX
+from gsfw.core.motion.evaluation import splats_at
+from gsfw.formats.ply import PlyExporter, PlyImporter
+from gsfw.formats.splatv import SplatvExporter, SplatvImporter
+from gsfw.plugins import orbit_psnr
+
+pytestmark = pytest.mark.unchecked
+
+PLUGIN = """
+from gsfw.api import Exporter, Holds, Spec, hookimpl
+
+
+class Site(Exporter):
+    suffix = ""
+    is_folder = True
+
+    def write(self, path, source):
+        path.mkdir(exist_ok=True)
+        (path / "index").write_text(str(len(source.splat_file().splats)))
+
+
+class Moving(Exporter):
+    suffix = ".moving"
+    holds = Holds.MOTION
+
+    def write(self, path, source):
+        content = source.motion_file()
+        path.write_text(f"{len(content.content.splats)} {content.is_still}")
+
+
+@hookimpl
+def gsfw_exporters():
+    place = "formats_to_convert_to:"
+    return [Spec("site", "a folder", place + "Site"), Spec("moving", "motion", place + "Moving")]
+"""
+
+
+@pytest.fixture(autouse=True)
+def _small_images(monkeypatch, tmp_path):
+    monkeypatch.setattr(orbit_psnr, "WIDTH", 48)
+    monkeypatch.setattr(orbit_psnr, "HEIGHT", 27)
+    monkeypatch.chdir(tmp_path)
+
+
+def splats(count=20, degree=2):
+    return random_splats(count, degree, dtype=torch.float64)
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A PLY of 20 splats, of which one is too faint to be seen, and one is not finite."""
+    content = splats()
+    opacities = content.opacities.clone()
+    opacities[3] = 0.001
+    path = tmp_path / "in.ply"
+    PlyExporter().write(path, SplatFile(replace(content, opacities=opacities), up="z"))
+    raw = bytearray(path.read_bytes())
+    raw[-4:] = b"\x00\x00\xc0\x7f"  # The last quaternion is NaN.
+    path.write_bytes(raw)
+    return path
+
+
+def converted(capsys, *words):
+    """The document of a conversion."""
+    assert main(["convert", *map(str, words), "json=true"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refusal(capsys, *words):
+    assert main(["convert", *map(str, words)]) == 2
+    return capsys.readouterr().err.removeprefix("error: ")
+
+
+def test_counts_sizes_and_the_loss_are_said(source, tmp_path, capsys):
+    assert main(["convert", str(source), "out.ply"]) == 0
+    written = tmp_path / "out.ply"
+    said = capsys.readouterr().out
+    assert said.startswith(f"18 splats of {source} to out.ply, 4 kB (")
+    assert "left out: 1 that are not finite, 1 too faint to be seen\n" in said
+    assert said.endswith(
+        "PSNR against IN in 12 images from all around: 100.0 dB or more: no difference\n"
+    )
+    assert len(PlyImporter().read(written).splats) == 18
+
+
+def test_json_is_one_document(source, tmp_path, capsys):
+    found = converted(capsys, source, "out.ply")
+    assert found == {
+        "source": str(source),
+        "written": "out.ply",
+        "format": "ply",
+        "bytes_before": source.stat().st_size,
+        "bytes": (tmp_path / "out.ply").stat().st_size,
+        "num_gaussians": 18,
+        "num_dropped": 1,
+        "num_invisible": 1,
+        "psnr": PSNR_MAX,
+        "views": 12,
+        "sh_degree": 2,
+        "notes": [],
+    }
+
+
+def test_what_is_lost_is_seen_in_the_psnr(source, capsys):
+    one = converted(capsys, source, "one.ply", "sh_degree=1")
+    none = converted(capsys, source, "none.ply", "sh_degree=0")
+    assert (one["sh_degree"], none["sh_degree"]) == (1, 0)
+    assert none["psnr"] < one["psnr"] < 60
+    assert none["bytes"] < one["bytes"]
+    assert main(["convert", str(source), "none.ply", "sh_degree=0"]) == 0
+    assert "view dependence (SH): degree 2 before, 0 now\n" in capsys.readouterr().out
+
+
+def test_the_psnr_is_that_of_a_known_error():
+    before = SplatFile(splats(60, 0))
+    assert orbit_psnr.orbit_psnr(before, before) == PSNR_MAX
+    colors = before.splats.colors
+    darker = replace(colors, coefficients=colors.coefficients * 0 - 10)
+    black = SplatFile(replace(before.splats, colors=darker))
+    scene, cameras = orbit_psnr.surroundings("x", before)
+    image = orbit_psnr._viewer(before, scene)
+    squares = [image(camera.resized(48, 27)).double().square().mean() for camera in cameras[::2]]
+    expected = -10 * torch.log10(sum(squares) / 12)
+    assert orbit_psnr.orbit_psnr(before, black) == pytest.approx(float(expected), abs=1e-4)
+
+
+def test_the_check_is_left_out_on_demand_and_for_many_splats(source, capsys, monkeypatch):
+    assert converted(capsys, source, "out.ply", "check=false")["psnr"] is None
+    monkeypatch.setattr(convert, "MOST", 10)
+    assert main(["convert", str(source), "out.ply"]) == 0
+    said = capsys.readouterr().out
+    assert "not compared: images of 19 splats would take over a minute; check=true" in said
+    assert converted(capsys, source, "out.ply", "check=true")["psnr"] == PSNR_MAX
+
+
+def test_folders_motion_and_whole_models_are_written_too(source, tmp_path, capsys, plugin_path):
+    (tmp_path / "formats_to_convert_to.py").write_text(PLUGIN)
+    plugin_path(tmp_path / "formats_to_convert_to.py")
+    assert converted(capsys, source, "www", "format=site")["psnr"] is None
+    assert (tmp_path / "www" / "index").read_text() == "18"
+    assert converted(capsys, source, "a.moving")["format"] == "moving"
+    assert (tmp_path / "a.moving").read_text() == "18 True"
+    assert converted(capsys, source, "a.gsfw")["format"] == "gsfw"
+    assert converted(capsys, "a.gsfw", "again.ply")["num_gaussians"] == 18
+    said = refusal(capsys, "a.gsfw", "b.moving", "time=0.5")
+    assert said.startswith("format moving holds splats at all times: time and sh_degree are for")
+
+
+def test_a_run_is_converted_at_a_time(moving_run, capsys):
+    first = converted(capsys, moving_run, "first.ply", "check=false")
+    converted(capsys, moving_run, "later.ply", "time=1", "check=false")
+    assert first["bytes_before"] is None
+    means = [
+        PlyImporter().read(path).splats.means for path in map(Path, ("first.ply", "later.ply"))
+    ]
+    assert not torch.equal(*means)
+
+
+def test_a_folder_as_out_takes_the_name_of_the_input(source, tmp_path, capsys):
+    (tmp_path / "there").mkdir()
+    found = converted(capsys, source, "there", "format=ply", "check=false")
+    assert found["written"] == "there/in.ply"
+
+
+def test_an_input_is_never_overwritten(source, tmp_path, capsys):
+    before = source.read_bytes()
+    os.link(source, tmp_path / "other.ply")
+    for out in (source, "in.ply", "./in.ply", "other.ply"):
+        said = refusal(capsys, source, out)
+        assert said.startswith(f"IN and OUT are the same: {source} would be overwritten by ")
+    assert refusal(capsys, source, ".", "format=ply").endswith("Give OUT another name.\n")
+    assert source.read_bytes() == before
+
+
+def test_wrong_input_is_refused_with_cause_and_remedy(source, tmp_path, capsys):
+    said = refusal(capsys, source, "out.plx")
+    assert said.startswith(
+        "out.plx: the format of OUT is not known, since no format ends in '.plx'.\n"
+    )
+    assert "Suffixes that can be written: " in said
+    assert refusal(capsys, source, "out").startswith(
+        "out: the format of OUT is not known, since it has no suffix"
+    )
+    assert refusal(capsys, source, tmp_path).startswith(
+        f"{tmp_path}: the format of OUT is not known, since it is"
+    )
+    assert "is missing" in refusal(capsys, source)
+    assert refusal(capsys, "inn.ply", "out.ply").startswith(
+        "there is no run or splat file inn.ply. Did you mean 'in.ply'?\n"
+    )
+    (tmp_path / "empty").mkdir()
+    assert "empty is not a run" in refusal(capsys, "empty", "out.ply")
+    (tmp_path / "notes.txt").write_text("nothing")
+    assert "is not a splat file that can be read" in refusal(capsys, "notes.txt", "out.ply")
+    assert refusal(capsys, source, "out.npz") == (
+        "out.npz: format tracks cannot hold this model: there are no tracks to write.\n"
+    )
+    assert refusal(capsys, source, "notes.txt/out.ply").startswith("notes.txt/out.ply cannot be")
+    assert "expected a time in [0, 1]" in refusal(capsys, source, "o.ply", "time=2")
+    assert "expected 0 or more" in refusal(capsys, source, "o.ply", "sh_degree=-1")
+    source.write_bytes(source.read_bytes()[:700])
+    assert "in.ply" in refusal(capsys, "in.ply", "out.ply")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "in.ply", "notes.txt"]
+
+
+def test_a_file_of_moving_splats_keeps_its_motion_where_the_other_format_holds_it(tmp_path, capsys):
+    still = Motion.none(20)
+    motion = replace(still, path=still.path + 0.25)
+    moving = MotionFile(SplatFile(splats(degree=0)), motion, (0.0, 2.0), frames=3)
+    SplatvExporter().write(tmp_path / "a.splatv", moving)
+    assert main(["convert", "a.splatv", "b.splatv"]) == 0
+    again = SplatvImporter().read_motion(tmp_path / "b.splatv")
+    assert (again.time_range, again.frames) == ((0.0, 2.0), 3)
+    assert float((again.motion.path - motion.path).abs().max()) == 0
+    assert main(["convert", "a.splatv", "c.ply"]) == 0
+    assert len(PlyImporter().read(tmp_path / "c.ply").splats) == 20
+    before = SplatvImporter().read_motion(tmp_path / "a.splatv")
+    for verb in (["convert", "a.splatv", "d.ply"], ["edit", "a.splatv", "out=e.ply"]):
+        assert main([*verb, "time=0.5"]) == 0
+    for name in ("d.ply", "e.ply"):
+        found = PlyImporter().read(tmp_path / name).splats.means
+        assert float((found - splats_at(before, 0.5).means).abs().max()) < 1e-5
+    assert "holds splats at all times" in refusal(capsys, "a.splatv", "f.html", "time=0.5")
+    assert main(["convert", "d.ply", "g.splatv", "time=0.5"]) == 0
+
+
+@pytest.mark.slow
+def test_a_mesh_is_made_of_a_file_of_splats(tmp_path):
+    PlyExporter().write(tmp_path / "a.ply", SplatFile(splats(2000, degree=0)))
+    assert main(["convert", "a.ply", "b.obj", "format=mesh", "format.resolution=48"]) == 0
+    assert (tmp_path / "b.obj").read_text().count("\nf ") > 100
