@@ -16,12 +16,12 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature
 from gsfw.core.loop.evaluation import render_model
+from gsfw.core.maths.lens import project_points
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.numerics import DEFAULT, NEAR
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.temporal_metrics.tracks import OPAQUE, Tracks, follow
-from gsfw.rasterizers.reference.lens import project_points
 
 if TYPE_CHECKING:
     from gsfw.plugins.compose import Composition

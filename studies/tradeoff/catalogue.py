@@ -71,7 +71,7 @@ def _as_it_is(model: FinishedModel) -> Variant:
     """The unchanged model, as a file of splats, or of the whole model if it moves."""
     if model.is_still:
         return Variant(AS_IS, AS_IS, unchanged, ("export",), file=_file_of(model))
-    trips = round_trips(model.restored, model.registry, model.is_still)
+    trips = round_trips(model)
     form = next((trip.form for trip in trips if trip.holds_the_model), "")
     words = ("export", f"format={form}") if form else ()
     return Variant(AS_IS, AS_IS, unchanged, words, file=form)
@@ -79,7 +79,7 @@ def _as_it_is(model: FinishedModel) -> Variant:
 
 def _file_of(model: FinishedModel) -> str:
     """Format for the sizes of files; empty where none holds the splats."""
-    trips = round_trips(model.restored, model.registry, model.is_still)
+    trips = round_trips(model)
     return PLY if any(trip.form == PLY for trip in trips) else ""
 
 
@@ -168,12 +168,11 @@ def _precisions(model: FinishedModel) -> Made:
 
 def _formats(model: FinishedModel) -> Made:
     found = []
-    for trip in round_trips(model.restored, model.registry, model.is_still):
+    for trip in round_trips(model):
         # A model file needs no second one: it would be the same.
-        is_there = model.is_model_file and trip.holds_the_model
-        words = () if is_there else ("export", f"format={trip.form}")
-        change = trip.read_back
-        found.append(Variant("format", trip.form, change, words, draws_alike=True, file=trip.form))
+        is_there = model.is_model_file and trip.holds_the_model and not trip.options
+        words, change = () if is_there else trip.command, trip.read_back
+        found.append(Variant("format", trip.name, change, words, draws_alike=True, file=trip.name))
     return found
 
 

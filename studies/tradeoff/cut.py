@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gsfw.core.capabilities import Feature, Needs, check_fit
+from gsfw.core.capabilities import check_fit
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.splats import Splats
 from gsfw.plugins.automatic import rasterizer_capabilities
+from gsfw.plugins.contributions import MEASURES
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import is_dynamic
@@ -46,7 +47,7 @@ def _most_useful(restored: Restored, keep: float) -> Kept:
             "Leave keep out.",
         )
     name = composition.settings.choices["rasterizer"].name
-    needs = {f"keep={keep:g}": Needs(features=frozenset({Feature.CONTRIBUTION}))}
+    needs = {f"keep={keep:g}": MEASURES}
     check_fit(name, needs, rasterizer_capabilities(installed()), parts.device.type)
     subject = Subject(parts.model, parts.rasterizer, settings, is_still=True)
     scores = contributions(subject, parts.data.views(Split.TRAIN).cameras)

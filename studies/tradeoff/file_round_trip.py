@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -17,10 +18,10 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.model_file import read_model_file
 from gsfw.plugins.loading import load, load_all
-from gsfw.plugins.rebuild import load_state, stored_model
-from gsfw.plugins.registry import Registry
+from gsfw.plugins.rebuild import load_state
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.snapshot import snapshot
+from gsfw.studies.tradeoff.finished_model import FinishedModel
 from gsfw.studies.tradeoff.subject import Subject
 
 PLY = "ply"
@@ -32,9 +33,22 @@ class FileRoundTrip:
     """Files of one format of a run."""
 
     form: str
+    """Name of the format."""
     exporter: Exporter
-    restored: Restored
-    registry: Registry
+    options: Mapping[str, Any]
+    """Options of the exporter; none for its usual files."""
+    model: FinishedModel
+
+    @property
+    def name(self) -> str:
+        """The format with its options: "gsfw precision=compressed step=2"."""
+        return " ".join([self.form, *(f"{key}={_text(v)}" for key, v in self.options.items())])
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """Verb and settings that write the file."""
+        options = (f"format.{key}={_text(value)}" for key, value in self.options.items())
+        return ("export", f"format={self.form}", *options)
 
     @property
     def holds_the_model(self) -> bool:
@@ -49,13 +63,13 @@ class FileRoundTrip:
             ValueError: the format cannot hold the model.
         """
         with tempfile.TemporaryDirectory() as folder:
-            path = self._write(subject, Path(folder))
+            path = self.write(subject, Path(folder))
             if self.holds_the_model:
                 stored = read_model_file(path)
                 model = deepcopy(subject.model)
                 load_state(model, stored, path)
                 return replace(subject, model=model)
-            importers = load_all("importer", self.registry)
+            importers = load_all("importer", self.model.registry)
             kind = next((kind for kind in importers.values() if kind.recognises(path)), None)
             if kind is None:
                 raise DataError(f"no importer reads {self.form}")
@@ -69,21 +83,30 @@ class FileRoundTrip:
             ValueError: the format cannot hold the model.
         """
         with tempfile.TemporaryDirectory() as folder:
-            return self._write(subject, Path(folder)).stat().st_size
+            return self.write(subject, Path(folder)).stat().st_size
 
-    def _write(self, subject: Subject, folder: Path) -> Path:
+    def write(self, subject: Subject, folder: Path) -> Path:
+        """Write the file into a folder.
+
+        Raises:
+            ValueError: the format cannot hold the model.
+        """
         path = folder / f"model{self.exporter.suffix}"
         if self.holds_the_model:
-            self.exporter.write(path, stored_model(self.restored))
+            self.exporter.write(path, self.model.source)
         else:
-            antialias = self.restored.composition.plan.settings.antialias
+            antialias = self.model.restored.composition.plan.settings.antialias
             taken = snapshot(subject.model, self._scene, antialias, edit=_all(subject))
             self.exporter.write(path, taken.content)
         return path
 
     @property
     def _scene(self) -> Scene:
-        return self.restored.composition.scene
+        return self.model.restored.composition.scene
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _all(subject: Subject) -> Callable[[Splats], Splats]:
@@ -104,15 +127,24 @@ def _in_scene(splats: Splats, scene: Scene, subject: Subject) -> Splats:
     return moved.map(lambda tensor: tensor.to(like.device, torch.float32).contiguous())
 
 
-def round_trips(restored: Restored, registry: Registry, is_still: bool) -> list[FileRoundTrip]:
-    """A round trip for every format that can hold the model; of a moving one, at all times."""
-    trips = []
-    for name, spec in registry.slot("exporter").items():
-        exporter = load("exporter", spec)()
-        if exporter.holds is Holds.TRACKS:
+def round_trips(model: FinishedModel) -> list[FileRoundTrip]:
+    """Round trips for every format that can hold the model; of a moving one, at all times.
+
+    Formats of splats that no importer of the same name reads, such as pages, are left out.
+    """
+    trips, readable = [], model.registry.slot("importer")
+    for name, spec in model.registry.slot("exporter").items():
+        kind: type[Exporter] = load("exporter", spec)
+        usual = kind()
+        is_splats_again = usual.is_readable and not usual.is_folder
+        if usual.holds in (Holds.TRACKS, Holds.MOTION) or not is_splats_again:
             continue
-        if exporter.holds is Holds.MODEL or (is_still and _has_sh(restored)):
-            trips.append(FileRoundTrip(name, exporter, restored, registry))
+        still = model.is_still and name in readable and _has_sh(model.restored)
+        if usual.holds is Holds.MODEL or still:
+            trips.append(FileRoundTrip(name, usual, {}, model))
+            trips += [
+                FileRoundTrip(name, kind(**options), options, model) for options in kind.levels
+            ]
     return trips
 
 

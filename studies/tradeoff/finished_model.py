@@ -19,8 +19,7 @@ from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
-from gsfw.plugins.run_source import is_dynamic
-from gsfw.studies.tradeoff.contribution import contributions
+from gsfw.plugins.run_source import RunSource, is_dynamic
 from gsfw.studies.tradeoff.edits import by_motion
 from gsfw.studies.tradeoff.subject import Subject
 
@@ -82,6 +81,11 @@ class FinishedModel:
         return not is_dynamic(self.restored.composition)
 
     @cached_property
+    def source(self) -> RunSource:
+        """The run as a source of files, whose contributions are measured once."""
+        return RunSource(self.restored)
+
+    @cached_property
     def subject(self) -> Subject:
         """The unchanged model."""
         settings = self.restored.composition.plan.settings
@@ -123,7 +127,9 @@ class FinishedModel:
     @cached_property
     def scores(self) -> Float[Tensor, " n"]:
         """Contribution of each Gaussian to the training views."""
-        return contributions(self.subject, self.parts.data.views(Split.TRAIN).cameras)
+        found = self.source.contributions()
+        assert found is not None, "variants that need it are offered where it can be measured"
+        return found.to(self.device)
 
     @cached_property
     def by_motion(self) -> Int[Tensor, " n"]:

@@ -124,8 +124,7 @@ class Runner:
 
     @cached_property
     def _files(self) -> Mapping[str, FileRoundTrip]:
-        trips = round_trips(self.model.restored, self.model.registry, self.model.is_still)
-        return {trip.form: trip for trip in trips}
+        return {trip.name: trip for trip in round_trips(self.model)}
 
     @cached_property
     def _has_flip(self) -> bool:

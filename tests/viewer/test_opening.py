@@ -12,7 +12,7 @@ import torch
 from support.viewer_page import open_page
 from support.viewing import still_model
 
-from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import SplatFile
@@ -35,7 +35,7 @@ STATE = ViewState(pose=FRONT, width=48, height=36)
 
 def opened(path):
     found = find_run(str(path), print, splats=True)
-    restored = open_run(found, installed(), Layer("the test", {"device": "cpu"}))
+    restored = restore_run(found, installed(), Layer("the test", {"device": "cpu"}))
     return of_restored(found.name, restored, has_cameras=found.splat_file is None)
 
 

@@ -238,7 +238,7 @@ def test_a_browser_that_sees_only_the_visible_home_sees_the_file(
 
 
 def test_a_taken_port_is_said_before_anything_is_loaded(small, capsys, monkeypatch):
-    monkeypatch.setattr("gsfw.commands.interface.runs.open_run", None)  # It is not called.
+    monkeypatch.setattr("gsfw.commands.interface.runs.restore_run", None)  # It is not called.
     assert main(["view", "latest", f"port={small.server.port}"]) == 2
     assert f"port={small.server.port}: this port cannot be used" in capsys.readouterr().err
 

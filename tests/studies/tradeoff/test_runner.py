@@ -102,12 +102,26 @@ def test_pruning_leaves_the_gaussians_that_add_most(model, variants, records):
 def test_sizes_are_those_of_the_files_that_the_commands_write(model, records, tmp_path, capsys):
     run = str(model.restored.folder.path)
     written = [record for record in records.values() if record.file]
-    assert len(written) == 1 + 3 + 4 + 2 + 2
+    formats = [record for record in records.values() if record.axis == "format"]
+    assert {"ply", "gsfw", "gsfw precision=float16"} <= {record.name for record in formats}
+    assert len(written) == 1 + 3 + 4 + len(formats) + 2
     for number, record in enumerate(written[::3]):
         verb, *words = record.command
         out = tmp_path / f"{number}.ply"
         assert main([verb, run, *words, f"out={out}"]) == 0
         assert out.stat().st_size == record.file_bytes, record.name
+
+
+def test_compressed_files_of_larger_steps_are_smaller_and_worse(model, records):
+    names = [f"gsfw precision=compressed step={step}" for step in ("0.5", "1", "2", "3")]
+    found = [records[("format", name)] for name in names]
+    sizes, psnr = [r.file_bytes for r in found], [r.psnr for r in found]
+    assert sizes == sorted(sizes, reverse=True)
+    assert psnr[0] >= psnr[-1]
+    assert records[("format", "gsfw precision=float16")].file_bytes > 2 * sizes[0]
+    assert found[1].command == [
+        *("export", "format=gsfw", "format.precision=compressed", "format.step=1"),
+    ]
 
 
 def test_an_exported_file_holds_the_splats_of_its_variant(model, variants, tmp_path, capsys):
