@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from PIL import Image
-from plyfile import PlyData, PlyElement
 
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.area import shrink_batch
+from gsfw.datamanagers.point_file import ply_of
 from gsfw.preparation.check.viewpoints import Viewpoints
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -120,12 +120,8 @@ class MadeCapture:
         return frame
 
     def _write_points(self, file: Path) -> None:
-        kinds = [(axis, "f4") for axis in "xyz"]
-        kinds += [(channel, "u1") for channel in ("red", "green", "blue")]
-        rows = np.empty(len(self.points), kinds)
-        for column, (axis, channel) in enumerate(zip("xyz", ("red", "green", "blue"), strict=True)):
-            rows[axis], rows[channel] = self.points[:, column], self.colors[:, column]
-        PlyData([PlyElement.describe(rows, "vertex")]).write(str(file))
+        points = torch.from_numpy(self.points).double()
+        file.write_bytes(ply_of(points, torch.from_numpy(self.colors).float() / 255))
 
 
 def _pixels(batch: Batch) -> UInt8[np.ndarray, "h w d"]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.commands.main import main as gsfw
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.run_folder import RunFolder
@@ -66,7 +66,7 @@ def train(name: str, runs: Path) -> Path:
 
 def camera_path(run: Path, file: Path) -> Path:
     """A closed way around the scene, on which time passes to the end and back again."""
-    data = open_run(find_run(str(run), print), installed()).composition.parts.data
+    data = restore_run(find_run(str(run), print), installed()).composition.parts.data
     cameras = spiral(alike(data.views(Split.TRAIN).cameras), KEYS)
     to_world = data.scene.world_from_scene.camera(cameras.world_to_camera).inverse()
     fov = math.degrees(
