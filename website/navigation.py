@@ -14,8 +14,8 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
             (
                 *("data", "prepare", "settings", "minutes", "run-outputs", "viewer", "render"),
                 *("report", "terminal", "moving-scenes", "dense-start", "growth"),
-                *("requirements", "model-file", "python", "existing-code", "studies"),
-                *("benchmarks", "cuda", "gpu"),
+                *("requirements", "formats", "web", "edit", "mesh", "model-file", "python"),
+                *("existing-code", "studies", "benchmarks", "cuda", "gpu"),
             ),
         ),
         "explain": (
@@ -34,6 +34,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
                     "expected-results",
                     "performance",
                     "what-accuracy-costs",
+                    "compression",
                     "moving-scenes-measured",
                 ),
                 *("stress", "findings"),

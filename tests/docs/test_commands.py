@@ -29,7 +29,7 @@ CAPTURES = (
 )
 """Names of data sets in the documents."""
 
-LETTERS = {"N": "2", "NAME": "3dgs", "KEY": "steps"}
+LETTERS = {"N": "2", "NAME": "3dgs", "KEY": "steps", "format=NAME": "ply"}
 """Values for the words that stand for one in a sentence."""
 
 OWN = {"method=my-method": "method=3dgs"}
@@ -37,6 +37,9 @@ OWN = {"method=my-method": "method=3dgs"}
 
 CONFIGS = ("RUN/config.yaml", "runs/x/config.yaml", "runs/first/config.yaml")
 """Names of files of settings."""
+
+WORDS = {"check": ["DIR"], "prepare": ["photos"], "convert": ["splats.ply", "splats.spz"]}
+"""Words that a verb needs."""
 
 OF_A_RUN = ("eval", "export", "open", "render", "report", "resume", "view")
 """Verbs with a word for a run."""
@@ -68,12 +71,12 @@ def completed(command: Command) -> Command:
     verb, *words = command.words[1:]
     for place, word in enumerate(words):
         key, _, value = word.partition("=")
-        words[place] = f"{key}={LETTERS.get(value, value)}" if value else word
+        words[place] = f"{key}={LETTERS.get(word, LETTERS.get(value, value))}" if value else word
     keys = {word.partition("=")[0] for word in words}
     if verb == "train" and not keys & {"method", "config"}:
         words.append("method=3dgs")
     if verb != "train" and not any(re.match(r"[^-=]+$", word) for word in words):
-        words += {"check": ["DIR"], "prepare": ["photos"]}.get(verb, [])
+        words += WORDS.get(verb, [])
         words += ["latest"] if verb in OF_A_RUN else []
     if (verb, words) == ("plugins", ["check"]):
         words.append("my-method")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
 from gsfw.core.config import step_settings
 from gsfw.core.ranges import RANGE
+from gsfw.plugins.exporters import PREFIX
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
 from gsfw.plugins.registry import Registry
@@ -40,8 +41,11 @@ PAGES: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Title and introduction of the page of each slot."""
 
+FORMATS = "formats"
+"""Name of the page of exporters."""
+
 PARTS = ("exporter", "importer", "metric", "operators")
-"""Slots whose parts have no settings."""
+"""Slots whose parts are chosen by no setting."""
 
 
 def settings_pages(registry: Registry) -> Iterator[tuple[str, str]]:
@@ -54,6 +58,7 @@ def settings_pages(registry: Registry) -> Iterator[tuple[str, str]]:
     for slot, (title, introduction) in PAGES.items():
         yield slot, _slot_page(slot, title, introduction, registry)
     yield "callbacks", _callbacks_page(registry)
+    yield FORMATS, _formats_page(registry)
 
 
 def _index(registry: Registry) -> str:
@@ -68,6 +73,7 @@ def _index(registry: Registry) -> str:
         *(f"* [Method {name}](method-{name}.md)" for name in registry.slot("method")),
         *(f"* [{title}]({slot}.md)" for slot, (title, _) in PAGES.items()),
         "* [Callbacks](callbacks.md)",
+        f"* [Formats of files]({FORMATS}.md)",
         "",
         "## Parts",
         "",
@@ -224,4 +230,23 @@ def _callbacks_page(registry: Registry) -> str:
         rows = [] if config is None else list(_rows(config, f"callbacks.{name}."))
         lines += [f"## {name}", "", _sentence(spec), ""]
         lines += [table(HEADER, rows) if rows else "It has no settings.\n"]
+    return "\n".join(lines)
+
+
+def _formats_page(registry: Registry) -> str:
+    lines = [
+        "# Formats of files",
+        "",
+        "`format=NAME` of `gsfw export` and `gsfw convert` chooses a format that the suffix of the",
+        "file does not; `format.KEY=VALUE` is an option of it. Which one for what:",
+        "[File formats](../../guides/formats.md).",
+        "",
+    ]
+    for name, kind in load_all("exporter", registry).items():
+        made = kind()
+        rows = list(_rows(made, PREFIX)) if is_dataclass(kind) else []
+        form = f"Ends in `{made.suffix}`" if made.suffix else "A folder"
+        lines += [f"## {name}", "", _sentence(registry.slot("exporter")[name]), ""]
+        lines += [f"{form}; holds {made.holds.value}.", ""]
+        lines += [table(HEADER, rows) if rows else "It has no options.\n"]
     return "\n".join(lines)
