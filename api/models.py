@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -12,15 +12,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.commands.export import readable_value_errors
-from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.core.background import background_tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.config import AUTO
 from gsfw.core.datamanager import Split
 from gsfw.core.embedded_image import image_element
 from gsfw.core.errors import ConfigError, without_inner_frames
-from gsfw.core.exchange import Exporter, ExportSource, Holds
+from gsfw.core.exchange import ExportSource, Holds
 from gsfw.core.input_checks import check_tensors
 from gsfw.core.maths.camera_path import at_times
 from gsfw.core.render_output import RenderOutput, RenderStatistics
@@ -28,12 +27,18 @@ from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.loading import load_all
+from gsfw.plugins.exporters import (
+    format_of,
+    make_exporter,
+    readable_value_errors,
+    writable_suffixes,
+)
 from gsfw.plugins.open_rasterizer import open_rasterizer, render_needs
-from gsfw.plugins.registry import did_you_mean, installed
+from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.settings import COMMAND_LINE, Layer
+from gsfw.plugins.splat_instant import check_time
 from gsfw.plugins.splat_run import inner_box
 from gsfw.rendering.camera_batches import by_time, in_frame, one_batch
 from gsfw.rendering.paths import PATHS, FilmRule, paths
@@ -204,23 +209,36 @@ class Model:
         return replace(output, statistics=statistics)
 
     @without_inner_frames
-    def save(self, path: str | Path, *, time: float = 0.0) -> Path:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        time: float = 0.0,
+        format: str = "",
+        options: Mapping[str, object] | None = None,
+    ) -> Path:
         """Write a file for other tools, or the whole model; return its path.
 
         Args:
             path: the suffix chooses the format: .ply for splats at one time, .gsfw for the whole
                 model, or that of another installed exporter.
             time: in [0, 1], for the splats of a dynamic model.
+            format: name of the exporter; empty for that of the suffix.
+            options: options of the format by name; ``None`` for their defaults.
 
         Raises:
-            ConfigError: no exporter writes such files.
+            ConfigError: no exporter writes such files, an option is unknown or wrong, or the time
+                is out of range or given for a format of all times.
             DataError: the format cannot hold this model.
             OutputError: the file cannot be written.
         """
         path = Path(path).expanduser()
-        exporter = _exporter(path)
+        registry = installed()
+        form = format or _format(path, registry)
+        exporter = make_exporter(form, registry, options)
+        check_time(time, form, exporter)
         source: ExportSource = RunSource(self._restored, time, data_times(self._composition))
-        with readable_value_errors(path, path.suffix):
+        with readable_value_errors(path, form):
             if exporter.holds is Holds.SPLATS:
                 source, _ = without_invisible(source.splat_file())
             exporter.write(path, source)
@@ -250,8 +268,8 @@ def load(path: str | Path, *, device: str = AUTO) -> Model:
     """Load a model to render and to save.
 
     Args:
-        path: a splat file of any tool (.ply), a model file (.gsfw), the folder of a run, a
-            checkpoint, or "latest".
+        path: a splat file of any tool (.ply, .spz, .sog, ...), a model file (.gsfw), the folder of
+            a run, a checkpoint, or "latest".
         device: auto, cpu, cuda or cuda:N; auto keeps that of the training for a run.
 
     Raises:
@@ -260,7 +278,7 @@ def load(path: str | Path, *, device: str = AUTO) -> Model:
     """
     found = find_run(str(Path(path).expanduser()), lambda line: None, splats=True)
     changed = None if device == AUTO else Layer(COMMAND_LINE, {"device": device})
-    return Model(open_run(found, installed(), changed), found.name)
+    return Model(restore_run(found, installed(), changed), found.name)
 
 
 @without_inner_frames
@@ -351,18 +369,16 @@ def _by_row(statistics: RenderStatistics, rows: Tensor, count: int) -> RenderSta
     )
 
 
-def _exporter(path: Path) -> Exporter:
-    """The exporter of a suffix.
+def _format(path: Path, registry: Registry) -> str:
+    """The format of a suffix.
 
     Raises:
         ConfigError: there is none; lists the suffixes.
     """
-    kinds: dict[str, type[Exporter]] = load_all("exporter", installed())
-    for kind in kinds.values():
-        if kind.suffix == path.suffix.lower():
-            return kind()
-    known = ", ".join(dict.fromkeys(kind.suffix for kind in kinds.values()))
-    raise ConfigError(
-        f"{path}: no exporter writes files that end in {path.suffix!r}.",
-        f"Suffixes that can be written: {known}.",
-    )
+    form = format_of(path, registry)
+    if form is None:
+        raise ConfigError(
+            f"{path}: no exporter writes files that end in {path.suffix!r}.",
+            f"Suffixes that can be written: {writable_suffixes(registry)}.",
+        )
+    return form

@@ -5,6 +5,7 @@ under ``RenderSettings``, and of models, whose ``splats`` fill in ``Splats``.
 """
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.lens import project_points
 from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.maths.rotations import (
     multiply_quaternions,
@@ -41,6 +42,7 @@ __all__ = [
     "multiply_quaternions",
     "open_rasterizer",
     "pixel_rays",
+    "project_points",
     "quaternions_of",
     "rgb_to_dc",
     "rotation_matrices",

@@ -169,12 +169,12 @@ class Run:
 
     @cached_property
     def _restored(self) -> Restored:
-        from gsfw.commands.interface.runs import RunArgument, open_run
+        from gsfw.commands.interface.runs import RunArgument, restore_run
         from gsfw.plugins.settings import COMMAND_LINE, Layer
 
         found = RunArgument(RunFolder(self.folder), self.checkpoint)
         changed = Layer(COMMAND_LINE, self._changed) if self._changed else None
-        return open_run(found, installed(), changed)
+        return restore_run(found, installed(), changed)
 
     @cached_property
     def model(self) -> Model:
@@ -215,9 +215,16 @@ class Run:
         with _ALONE:
             return evaluate_run(self._restored, Split(split))
 
-    def export(self, path: str | Path, *, time: float = 0.0) -> Path:
+    def export(
+        self,
+        path: str | Path,
+        *,
+        time: float = 0.0,
+        format: str = "",
+        options: Mapping[str, object] | None = None,
+    ) -> Path:
         """Write splats or the whole model to a file, as ``Model.save``."""
-        return self.model.save(path, time=time)
+        return self.model.save(path, time=time, format=format, options=options)
 
     @without_inner_frames
     def resume(

@@ -4,7 +4,13 @@ A verb is a function ``(arguments: list[str]) -> int`` (the exit code). It reads
 dataclass that derives from ``Options`` or ``RunOptions``, and writes through ``Console``.
 """
 
-from gsfw.commands.interface.arguments import Options, RunOptions, read, word, words
+from gsfw.commands.interface.arguments import (
+    Options,
+    RunOptions,
+    positional,
+    positionals,
+    read_options,
+)
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.opened_run import OpenedRun, open_run
 
@@ -14,7 +20,7 @@ __all__ = [
     "Options",
     "RunOptions",
     "open_run",
-    "read",
-    "word",
-    "words",
+    "positional",
+    "positionals",
+    "read_options",
 ]

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float64, Num
-from plyfile import PlyData, PlyElement
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.ply_file import ply_header, read_ply_header
 
-COLORS = ("red", "green", "blue")
+AXES, COLORS = ("x", "y", "z"), ("red", "green", "blue")
 Points = tuple[Float64[Tensor, "p 3"], Float[Tensor, "p 3"]]
 
 
@@ -29,31 +27,22 @@ def read_points(path: Path, setting: str) -> Points:
         DataError: it does not hold points.
     """
     try:
-        vertices = PlyData.read(path)["vertex"]
-        points = _columns(vertices, "xyz").astype(np.float64)
-        colors = np.full(points.shape, 0.5)
-        if "red" in vertices.data.dtype.names:
-            colors = _columns(vertices, COLORS)
-            colors = colors / 255 if colors.dtype == np.uint8 else colors.clip(0, 1)
-    except Exception as error:  # plyfile raises whatever a broken file makes it.
-        raise DataError(
-            f"{path} does not hold points: {error}",
-            f"Expected a PLY with x, y, z; remove {setting} to train without points.",
-        ) from error
+        points, colors = _vertices(path)
+    except DataError as error:
+        remedy = f"Expected a PLY with x, y, z; remove {setting} to train without points."
+        raise DataError(error.message, remedy) from error
     return check_points(torch.from_numpy(points), torch.from_numpy(colors).float(), path)
 
 
 def ply_of(points: Float64[Tensor, "p 3"], colors: Float[Tensor, "p 3"]) -> bytes:
     """A file of positions in double precision, and colours in [0, 1] as 8 bits."""
-    layout = [(axis, "<f8") for axis in "xyz"] + [(name, "u1") for name in COLORS]
-    vertices = np.zeros(len(points), np.dtype(layout))
-    stored = (colors.clamp(0, 1) * 255).round().byte()
-    for number, (axis, name) in enumerate(zip("xyz", COLORS, strict=True)):
-        vertices[axis] = points[:, number].numpy()
-        vertices[name] = stored[:, number].numpy()
-    buffer = io.BytesIO()
-    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(buffer)
-    return buffer.getvalue()
+    kinds = [*(("double", axis) for axis in AXES), *(("uchar", name) for name in COLORS)]
+    header = ply_header((), {"vertex": (len(points), kinds)})
+    layout = [("position", "<f8", 3), ("color", "u1", 3)]
+    vertices = np.empty(len(points), np.dtype(layout))
+    vertices["position"] = points.numpy()
+    vertices["color"] = (colors.clamp(0, 1) * 255).round().byte().numpy()
+    return header + vertices.tobytes()
 
 
 def check_points(
@@ -69,5 +58,28 @@ def check_points(
     return points, colors
 
 
-def _columns(vertices: PlyElement, names: Iterable[str]) -> Num[np.ndarray, "p 3"]:
-    return np.stack([np.asarray(vertices[name]) for name in names], axis=1)
+def _vertices(path: Path) -> tuple[Float64[np.ndarray, "p 3"], Float64[np.ndarray, "p 3"]]:
+    """Positions, and colours in [0, 1]; grey where the file has none.
+
+    Raises:
+        DataError: the file is damaged, or holds no points.
+    """
+    header = read_ply_header(path)
+    names = header.names("vertex")
+    colored = "red" in names
+    missing = [name for name in (*AXES, *(COLORS if colored else ())) if name not in names]
+    if missing:
+        raise DataError(f"{path} does not hold points: it has no vertices with {missing[0]}.")
+    vertices, parts = header.elements["vertex"], header.rows("vertex")
+    points, colors = np.empty((vertices.count, 3)), np.full((vertices.count, 3), 0.5)
+    end = 0
+    with np.errstate(invalid="ignore"):  # What is not finite is refused afterwards.
+        for rows in parts:
+            first, end = end, end + len(rows)
+            for column, (axis, channel) in enumerate(zip(AXES, COLORS, strict=True)):
+                points[first:end, column] = rows[axis]
+                if colored:
+                    colors[first:end, column] = rows[channel]
+    if colored:
+        colors = colors / 255 if vertices.kinds["red"] == "u1" else colors.clip(0, 1)
+    return points, colors

@@ -51,10 +51,10 @@ only where the user gives none."""
 SHORTEST_SIDE = 120
 """Pixels of the short side of an image that no choice goes below."""
 
-ENOUGH_PLACES = 40
-"""Places of cameras below which Gaussians are limited in proportion: from few places more of them
-only fit each image by itself. Measured: garden_robot_mv, 9 places: 15.4 dB with 96,000 Gaussians,
-15.4 to 16.0 with 27,000 (seeds differ by 0.4); fox, 43 places: the limit is that of its pixels."""
+ENOUGH_POSITIONS = 40
+"""Number of camera positions below which the limit of Gaussians falls in proportion: with few
+positions, more Gaussians only overfit each image. Measured: garden_robot_mv, 9 positions: 15.4 dB
+with 96,000 Gaussians, 15.4 to 16.0 with 27,000 (seeds differ by 0.4)."""
 
 NEEDED = {"strategy": Feature.WEIGHTED_CONTRIBUTION}
 """Features of the rasterizer that a choice needs."""
@@ -85,18 +85,18 @@ def limits(
     Args:
         settings: of the run.
         updates: that it has.
-        scene: the capture; few places of cameras determine few Gaussians.
+        scene: the capture; few camera positions determine few Gaussians.
         view_pixels: pixels of an image.
         start: number of Gaussians to start with.
     """
-    places, flat = _places(scene), settings.flat()
-    per_pixel = _row(updates).per_pixel * min(places / ENOUGH_PLACES, 1.0)
+    positions, flat = _camera_positions(scene), settings.flat()
+    per_pixel = _row(updates).per_pixel * min(positions / ENOUGH_POSITIONS, 1.0)
     most = max(int(per_pixel * view_pixels), start)
     return {key: most for key in LIMITS if _is_free(settings, key) and flat[key] > most}
 
 
-def _places(scene: Scene) -> int:
-    """Number of places with a training camera; those of an array are at few for all its images."""
+def _camera_positions(scene: Scene) -> int:
+    """Number of distinct positions of the training cameras; images of a fixed camera share one."""
     return len((scene.camera_centers / (1e-3 * scene.extent)).round().unique(dim=0))
 
 

@@ -165,7 +165,7 @@ class AdaptiveDensityControl(DensityRefiner):
             table.edit(~splits, table.joined(copies, halves))
         born = torch.zeros(len(cloned) + COPIES * len(split), device=table.device)
         radii = torch.cat([seen.largest_radius[~splits], born])
-        # Growth fills what large rows leave; where it has ended, they are the background.
+        # While rows grow, others replace the large ones; later they are background.
         prunes_large = self._may_grow and context.done > self._config.reset_every > 0
         pruned = self.prune(table, model, self._kept(model, radii, prunes_large))
         return {"cloned": len(cloned), "split": len(split), "pruned": pruned}

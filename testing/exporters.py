@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from gsfw.core.exchange import Exporter, ExportSource, Holds, SplatFile
+from gsfw.core.files.size import bytes_of
 from gsfw.plugins.loading import load
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.sources import SIZE, image_of, source_for, splat_file
@@ -44,13 +45,16 @@ def _write(exporter: Exporter, path: Path, source: ExportSource) -> None:
 def _writes_what_it_holds(subject: Subject) -> None:
     exporter, path = _exporter(subject), subject.workspace / f"file{subject.target.suffix}"
     require(
-        exporter.suffix.startswith(".") and len(exporter.suffix) > 1,
+        (exporter.suffix.startswith(".") and len(exporter.suffix) > 1)
+        or (exporter.is_folder and exporter.suffix == ""),
         f"suffix is {exporter.suffix!r}.",
-        'Give the end of file names with the dot: suffix = ".splat".',
+        'Give the end of file names with the dot: suffix = ".splat"; a folder may have none.',
     )
     _write(exporter, path, source_for(subject, exporter.holds))
-    written = path.is_file() and path.stat().st_size > 0
-    require(written, "write left no file.", "Write to the given path.")
+    is_there = path.is_dir() if exporter.is_folder else path.is_file()
+    kind = "folder" if exporter.is_folder else "file"
+    written = is_there and bytes_of(path) > 0
+    require(written, f"write left no {kind}.", "Write to the given path.")
 
 
 def _round_trips(subject: Subject) -> None:
@@ -95,6 +99,8 @@ def _read_again(subject: Subject, content: SplatFile) -> SplatFile:
     exporter = _exporter(subject)
     if exporter.holds is not Holds.SPLATS:
         raise NotApplicable(f"no importer reads {exporter.holds.value}")
+    if not exporter.is_readable:
+        raise NotApplicable("its files hold less than splats")
     path = subject.workspace / f"again{exporter.suffix}"
     _write(exporter, path, content)
     for spec in subject.registry.slot("importer").values():
@@ -140,7 +146,13 @@ def _stays_old(
     cause: str,
     expected: type[Exception] = Exception,
 ) -> None:
-    """Check that a write that fails leaves the old file, and nothing besides."""
+    """Check that a write that fails leaves the old file, and nothing besides.
+
+    Raises:
+        NotApplicable: the format is a folder, which nothing replaces at once.
+    """
+    if subject.target.is_folder:
+        raise NotApplicable("a folder of files is not replaced at once; its index comes last")
     folder = subject.workspace / "atomic"
     folder.mkdir(exist_ok=True)
     path = folder / f"old{subject.target.suffix}"

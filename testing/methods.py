@@ -30,7 +30,16 @@ from gsfw.testing.model_edits import EDITS
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.strategies import TableWatch, watched
 from gsfw.testing.subject import Subject
-from gsfw.testing.trial import MOTION, Changes, Losses, Trial, difference, trial
+from gsfw.testing.trial import (
+    MOTION,
+    Changes,
+    Losses,
+    Trial,
+    difference,
+    require_equal_resume,
+    require_own_generator,
+    trial,
+)
 
 STEPS, HALF = 48, 24
 """Length of the run that most checks look at: eight turns of the training views; its half."""
@@ -111,29 +120,19 @@ def _learns(subject: Subject) -> None:
 def _resumes(subject: Subject) -> None:
     _trained(subject)
     run = method_trial(subject, "trained", {"checkpoint_every": HALF})
-    whole = run.state(STEPS)
-    run.resumed(HALF).fit()
-    found = difference(whole, run.state(STEPS))
-    require(
-        not found,
-        f"resumed at step {HALF}, {found}.",
+    require_equal_resume(
+        run,
+        HALF,
+        STEPS,
         "Keep all that changes while training in the columns, parameter groups, buffers or "
         "state_dict of the method; draw random numbers from the given generator alone.",
     )
 
 
 def _uses_the_given_generator(subject: Subject) -> None:
-    states = []
-    with torch.random.fork_rng(devices=()):
-        for seed in (1, 2):
-            torch.manual_seed(seed)
-            run = method_trial(subject, f"seeded-{seed}", {"steps": SHORT})
-            run.trainer().fit()
-            states.append(run.state(SHORT))
-    found = difference(*states)
-    require(
-        not found,
-        f"under another torch.manual_seed, {found}.",
+    require_own_generator(
+        lambda name: method_trial(subject, name, {"steps": SHORT}),
+        SHORT,
         "Pass the generator of build_model to all random numbers; make layers with "
         "torch.nn.init on values drawn from it.",
     )

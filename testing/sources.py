@@ -7,7 +7,10 @@ from pathlib import Path
 
 import torch
 
-from gsfw.core.exchange import Exporter, ExportSource, Holds, SplatFile, TrackFile
+from gsfw.core.cameras import Cameras
+from gsfw.core.exchange import DepthView, Exporter, ExportSource, Holds, SplatFile, TrackFile
+from gsfw.core.maths.camera_path import look_at
+from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.core.temporal_metrics.tracks import Tracks
@@ -49,11 +52,35 @@ def image_of(splats: Splats) -> torch.Tensor:
 
 def source_for(subject: Subject, holds: Holds) -> ExportSource:
     """A source that has only what an exporter says that its files hold."""
-    if holds is Holds.SPLATS:
+    if holds in (Holds.SPLATS, Holds.MOTION):
         return splat_file()
     if holds is Holds.TRACKS:
         return _tracks()
+    if holds is Holds.DEPTHS:
+        return RenderedSphere()
     return subject.once("stored model", lambda: _model(subject))
+
+
+class RenderedSphere(ExportSource):
+    """Depth images of a grey sphere of radius 1, from six sides."""
+
+    def depth_views(self) -> list[DepthView]:
+        """One view from each side."""
+        return [_sphere_from(place) for place in (*torch.eye(3), *-torch.eye(3))]
+
+
+def _sphere_from(direction: torch.Tensor) -> DepthView:
+    """The sphere from three radii away, in 48 x 48 pixels."""
+    place = 3.0 * direction.double()
+    pose = look_at(place[None], torch.zeros(3).double(), direction.double().roll(1))
+    lens = torch.tensor([[55.0, 0, 24], [0, 55, 24], [0, 0, 1]], dtype=torch.float64)
+    camera = Cameras(pose, lens[None], 48, 48)
+    directions = pixel_rays(camera)[0, ..., 3:]
+    along = -(directions @ place)
+    root = along**2 - place.square().sum() + 1
+    distance = along - root.clamp_min(0).sqrt()
+    depth = torch.where(root > 0, distance * (directions @ pose[0, 2, :3]), 0.0).float()
+    return DepthView(camera, torch.full((48, 48, 3), 0.5), depth, (depth > 0).float(), up="z")
 
 
 def _tracks() -> TrackFile:
@@ -84,7 +111,7 @@ def readable_file(subject: Subject) -> Path:
     importer = subject.target()
     for name, spec in subject.registry.slot("exporter").items():
         exporter: Exporter = load("exporter", spec)()
-        if exporter.holds is Holds.SPLATS:
+        if exporter.holds is Holds.SPLATS and exporter.is_readable:
             path = subject.workspace / f"made-by-{name}{exporter.suffix}"
             if not path.exists():
                 exporter.write(path, splat_file())

@@ -22,7 +22,14 @@ from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
 from gsfw.testing.table_checks import check_table
-from gsfw.testing.trial import MOTION, Changes, Trial, difference, trial
+from gsfw.testing.trial import (
+    MOTION,
+    Changes,
+    Trial,
+    require_equal_resume,
+    require_own_generator,
+    trial,
+)
 
 STEPS, HALF = 60, 40
 """Length of the runs, and the step from which one is resumed."""
@@ -160,29 +167,19 @@ def _respects(limits: GrowthLimits, advice: str, subject: Subject) -> None:
 def _resumes(subject: Subject) -> None:
     run = _run(subject, "resumed", {"checkpoint_every": HALF})
     run.trainer().fit()
-    whole = run.state(STEPS)
-    run.resumed(HALF).fit()
-    found = difference(whole, run.state(STEPS))
-    require(
-        not found,
-        f"resumed at step {HALF}, {found}.",
+    require_equal_resume(
+        run,
+        HALF,
+        STEPS,
         "Return all that the refiner gathers in state_dict, and read it in load_state_dict; draw "
         "random numbers from context.generator alone.",
     )
 
 
 def _leaves_the_global_generator(subject: Subject) -> None:
-    states = []
-    with torch.random.fork_rng(devices=()):
-        for seed in (1, 2):
-            torch.manual_seed(seed)
-            run = _run(subject, f"seeded-{seed}", {})
-            run.trainer().fit()
-            states.append(run.state(STEPS))
-    found = difference(*states)
-    require(
-        not found,
-        f"under another torch.manual_seed, {found}.",
+    require_own_generator(
+        lambda name: _run(subject, name, {}),
+        STEPS,
         "Pass generator=context.generator to every torch.rand, randn, randperm and multinomial.",
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +24,7 @@ from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import restore
 from gsfw.plugins.settings import Layer, Settings, resolve
+from gsfw.testing.promise import require
 from gsfw.testing.subject import Subject
 
 STEPS = 20
@@ -156,6 +157,40 @@ def difference(first: object, second: object) -> str:
     return next((f"{key} differs" for key in one if not _same(one[key], other[key])), "")
 
 
+def require_equal_resume(run: Trial, at: int, steps: int, advice: str) -> None:
+    """Require a finished run, resumed at an earlier step, to end with the same bits.
+
+    Raises:
+        BrokenPromise: it ends with others; names the first.
+    """
+    whole = run.state(steps)
+    run.resumed(at).fit()
+    found = difference(whole, run.state(steps))
+    require(not found, f"resumed at step {at}, {found}.", advice)
+
+
+def require_own_generator(run_of: Callable[[str], Trial], steps: int, advice: str) -> None:
+    """Require runs to have the same bits under another seed of torch's global generator.
+
+    Args:
+        run_of: the run in a folder of this name.
+        steps: of the run.
+        advice: the remedy.
+
+    Raises:
+        BrokenPromise: the bits differ; names the first place.
+    """
+    states = []
+    with torch.random.fork_rng(devices=()):
+        for seed in (1, 2):
+            torch.manual_seed(seed)
+            run = run_of(f"seeded-{seed}")
+            run.trainer().fit()
+            states.append(run.state(steps))
+    found = difference(*states)
+    require(not found, f"under another torch.manual_seed, {found}.", advice)
+
+
 def _flat(state: object, where: str = "") -> Iterator[tuple[str, object]]:
     """Tensors and plain values of a nested state by place."""
     if isinstance(state, Mapping):
@@ -171,8 +206,13 @@ def _flat(state: object, where: str = "") -> Iterator[tuple[str, object]]:
 def _same(first: object, second: object) -> bool:
     if isinstance(first, Tensor) and isinstance(second, Tensor):
         same_form = (first.dtype, first.shape) == (second.dtype, second.shape)
-        return same_form and bool(((first == second) | (first.isnan() & second.isnan())).all())
+        return same_form and torch.equal(_bytes(first), _bytes(second))
     return type(first) is type(second) and first == second
+
+
+def _bytes(tensor: Tensor) -> Tensor:
+    """The bytes of a tensor: those of NaN equal themselves, and those of 0 are not those of -0."""
+    return tensor.detach().cpu().contiguous().flatten().view(torch.uint8)
 
 
 @lru_cache(maxsize=4)

@@ -22,6 +22,7 @@ MAY_IMPORT = {
     "samplers": {"gsfw.core", "gsfw.samplers", SPECS},
     "callbacks": {"gsfw.core", "gsfw.callbacks", "gsfw.charts", SPECS},
     "charts": {"gsfw.core", "gsfw.charts"},
+    "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},

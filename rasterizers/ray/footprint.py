@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
-from gsfw.rasterizers.reference.lens import project_points
+from gsfw.core.maths.lens import project_points
 
 
 def pixel_steps(points: Float[Tensor, "m 3"], camera: Cameras) -> Float[Tensor, "m 3 2"]:

@@ -15,12 +15,12 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.maths.lens import project_points
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.maths.spherical_harmonics import degree_of, sh_basis
 from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, NumericsProfile
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
-from gsfw.rasterizers.reference.lens import project_points
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import torch
 from support.scenes import front_camera, random_splats
 
 from gsfw.api import Cameras, ConfigError, DataError, Sh, Splats, load, render
+from gsfw.formats.compressed_ply import CompressedPlyExporter
 from gsfw.formats.ply import PlyExporter
 
 
@@ -246,8 +247,20 @@ def test_wrong_files_are_refused_with_the_remedy(splat_file, tmp_path):
         load(splat_file).save(tmp_path / "mesh.obj")
     with pytest.raises(ConfigError, match="Paths need a moving model"):
         load(splat_file).save(tmp_path / "paths.npz")
+    for time, cause in ((0.5, "holds splats at all times"), (2.0, r"expected a time in")):
+        with pytest.raises(ConfigError, match=cause):
+            load(splat_file).save(tmp_path / "page.html", time=time)
     with pytest.raises(ConfigError, match=r"antialias is a model's own setting"):
         render(load(splat_file), load(splat_file).cameras()[0], antialias=True)
+
+
+def test_a_format_that_cannot_hold_a_model_is_named(splat_file, tmp_path, monkeypatch):
+    def write(self, path, source):
+        raise ValueError("its rows are many")
+
+    monkeypatch.setattr(CompressedPlyExporter, "write", write)
+    with pytest.raises(DataError, match="format compressed-ply cannot hold this model: its rows"):
+        load(splat_file).save(tmp_path / "a.compressed.ply")
 
 
 def test_a_notebook_shows_the_first_images_of_a_render():

@@ -170,9 +170,7 @@ def test_points_are_read_where_they_are_named(tmp_path):
     torch.testing.assert_close(world, torch.tensor([[1.0, 2.0, 3.0]], dtype=torch.float64))
     assert float(data.scene.point_colors.mean()) == 0.5
     data.close()
-    with pytest.raises(
-        DataError, match=r"no\.ply does not hold points: .*\n.*remove datamanager\.p"
-    ):
+    with pytest.raises(DataError, match=r"no\.ply cannot be read: .*\n.*remove datamanager\.p"):
         build(tmp_path, points="no.ply")
 
 

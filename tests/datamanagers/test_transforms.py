@@ -168,7 +168,10 @@ def test_points_that_are_not_on_disk_are_noted(folder):
 def test_broken_points_name_their_file(folder):
     write(folder, ply_file_path="points.ply")
     (folder / "points.ply").write_text("ply\nformat ascii 1.0\nelement vertex 9\n")
-    assert str(failure(folder)).startswith(f"{folder}/points.ply does not hold points: ")
+    assert str(failure(folder)) == (
+        f"{folder}/points.ply is a damaged PLY: its header does not end.\n"
+        "Expected a PLY with x, y, z; remove ply_file_path to train without points."
+    )
     write_ply(folder / "points.ply", {name: np.full(2, np.nan, np.float32) for name in "xyz"})
     assert str(failure(folder)) == (
         f"{folder}/points.ply: some of its points are not finite.\nRemove them."

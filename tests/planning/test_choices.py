@@ -78,7 +78,7 @@ def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start(
     assert limits(given, 300.0, SCENE, 1000, 100) == {}
 
 
-def test_few_places_of_cameras_get_few_gaussians():
+def test_few_camera_positions_get_few_gaussians():
     run = settings(method="3dgs", strategy="mcmc")
     array = replace(SCENE, camera_centers=SCENE.camera_centers[:10].repeat(24, 1))
     assert limits(run, 20_000.0, array, 50_000, 12_000) == {"strategy.cap_max": 25_000}

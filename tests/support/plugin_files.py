@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,9 +22,10 @@ def hook(name: str, body: str) -> str:
 def plugin_path(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     """Sets GSFW_PLUGIN_PATH for one test; what it imports is forgotten afterwards."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    before = set(sys.modules)
+    before, used = set(sys.modules), set[str]()
 
     def use(*places: Path) -> None:
+        used.update(str(place.parent) for place in places)
         monkeypatch.setenv(VARIABLE, os.pathsep.join(map(str, places)))
         installed.cache_clear()
 
@@ -32,5 +33,9 @@ def plugin_path(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]
     monkeypatch.delenv(VARIABLE, raising=False)
     installed.cache_clear()
     for name in set(sys.modules) - before:
-        if not name.startswith(("gsfw", "torch")):
+        # No library that they brought along: those with native code load once in a process.
+        module = sys.modules[name]
+        file, folders = getattr(module, "__file__", None), getattr(module, "__path__", None)
+        files = [file, *(folders if isinstance(folders, Iterable) else ())]
+        if any(str(path).startswith(tuple(used)) for path in files):
             del sys.modules[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from gsfw.commands import check, prepare, resume
 from gsfw.commands.interface.arguments import (
@@ -10,9 +11,10 @@ from gsfw.commands.interface.arguments import (
     Options,
     layers,
     parse,
-    read,
+    read_options,
 )
 from gsfw.commands.interface.following_training import read_both
+from gsfw.commands.interface.format_options import read_with_format
 from gsfw.commands.interface.runs import LATEST
 from gsfw.commands.tradeoff import training, verb
 from gsfw.commands.tradeoff.model import ModelOptions
@@ -20,6 +22,7 @@ from gsfw.commands.train import read_settings
 from gsfw.commands.view import ViewOptions
 from gsfw.core.errors import ConfigError
 from gsfw.planning.asked import asked_of
+from gsfw.plugins.exporters import format_of, make_exporter
 from gsfw.plugins.registry import installed
 from gsfw.plugins.specs import Spec
 
@@ -51,14 +54,16 @@ def read_command(words: Sequence[str]) -> None:
             resume._changed(parse(tokens))
         case "tradeoff":
             _read_tradeoff(tokens)
+        case "export" | "convert" | "edit":
+            _read_with_format(spec, tokens)
         case "open":
-            read("view", ViewOptions, tokens or [LATEST])
+            read_options("view", ViewOptions, tokens or [LATEST])
         case _:
             kind = _options(spec)
             if tokens and (other := _options(spec, tokens[0])) is not kind:
-                read(f"{name} {tokens[0]}", other, tokens[1:])
+                read_options(f"{name} {tokens[0]}", other, tokens[1:])
             else:
-                read(name, kind, tokens)
+                read_options(name, kind, tokens)
 
 
 def _read_settings(tokens: Sequence[str]) -> None:
@@ -71,18 +76,30 @@ def _read_settings(tokens: Sequence[str]) -> None:
             raise ConfigError(f"help with {unknown} is not read here") from None
 
 
+def _read_with_format(spec: Spec, tokens: Sequence[str]) -> None:
+    """Read the options of the format, too, if the line names it."""
+    kind = _options(spec)
+    try:
+        options, given = read_with_format(spec.name, kind, tokens)
+    except HelpRequested:
+        return
+    form = options.format or format_of(Path(options.out), installed())
+    if form:
+        make_exporter(form, installed(), given)
+
+
 def _read_check(tokens: Sequence[str]) -> None:
     arguments = parse(tokens)
     own = [f"{key}={text}" for key, text in arguments.pairs if key in check.OWN]
     given = [(key, text) for key, text in arguments.pairs if key not in check.OWN]
-    options = read("check", check.CheckOptions, [*own, *arguments.words])
+    options = read_options("check", check.CheckOptions, [*own, *arguments.words])
     check._settings(options, given)
 
 
 def _read_tradeoff(tokens: Sequence[str]) -> None:
     arguments = parse(tokens)
     if verb.names_a_run(arguments):
-        read("tradeoff", ModelOptions, tokens)
+        read_options("tradeoff", ModelOptions, tokens)
         return
     _, given = training._split(arguments)
     _read_settings([f"{key}={value}" for key, value in given.items()])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from gsfw.api import DataError, Options, read
+from gsfw.api import DataError, Options, read_options
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 
@@ -25,7 +25,7 @@ class MapOptions(Options):
 
 
 def run(arguments: list[str]) -> int:
-    options = read("features", MapOptions, arguments)
+    options = read_options("features", MapOptions, arguments)
     import numpy as np
     import torch
     from PIL import Image

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from gsfw.api import ConfigError, RunOptions, read
+from gsfw.api import ConfigError, RunOptions, read_options
 
 NEIGHBORS = 16
 """Gaussians nearest to a point, whose mean feature is looked for."""
@@ -28,7 +28,7 @@ class QueryOptions(RunOptions):
 
 
 def run(arguments: list[str]) -> int:
-    options = read("query", QueryOptions, arguments)
+    options = read_options("query", QueryOptions, arguments)
     if bool(options.text) == bool(options.point):
         raise ConfigError("gsfw query: give text=WORDS, or point=X,Y,Z.")
     from gsfw.api import Console, open_run

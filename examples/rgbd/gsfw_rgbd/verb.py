@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gsfw.api import ConfigError, Options, read
+from gsfw.api import ConfigError, Options, read_options
 
 
 @dataclass(kw_only=True)
@@ -24,7 +24,7 @@ class RoomOptions(Options):
 
 
 def run(arguments: list[str]) -> int:
-    options = read("make-room", RoomOptions, arguments)
+    options = read_options("make-room", RoomOptions, arguments)
     from pathlib import Path
 
     from gsfw.api import Console

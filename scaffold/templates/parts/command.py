@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from gsfw.api import ConfigError, Console, RunOptions, open_run, read
+from gsfw.api import ConfigError, Console, RunOptions, open_run, read_options
 from torch import Tensor
 
 SPREAD = ("low", "middle", "high")
@@ -23,9 +23,9 @@ class MyPartOptions(RunOptions):
     """Part of a column's values that lies below low, and above high."""
 
 
-def run(arguments: list[str]) -> int:
+def run(words: list[str]) -> int:
     """Open the run, and print a line for each column of its model."""
-    options = read("my-part", MyPartOptions, arguments)
+    options = read_options("my-part", MyPartOptions, words)
     if not 0 <= options.share <= 0.5:
         raise ConfigError(f"share={options.share:g}: expected a number from 0 to 0.5.")
     opened = open_run(options.run, options.data, options.device)

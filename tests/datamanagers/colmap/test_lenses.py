@@ -22,11 +22,11 @@ from support.small_captures import SmallCapture, request, ring, write_colmap_cam
 from gsfw.core.cameras import CameraModel
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.maths.lens import project_points
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.undistortion import LensRule, undistortion_of
-from gsfw.rasterizers.reference.lens import project_points
 
 CPU = torch.device("cpu")
 

@@ -7,9 +7,9 @@ import torch
 from support.scenes import front_camera
 
 from gsfw.core.cameras import CameraModel
+from gsfw.core.maths.lens import project_points
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
-from gsfw.rasterizers.reference.lens import project_points
 
 pytestmark = pytest.mark.slow  # Compiles the headers; plain runs test them in the rasterizers.
 

@@ -8,6 +8,7 @@ import torch
 from support.scenes import front_camera, random_splats, turned_camera
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.lens import project_points
 from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import DEFAULT
@@ -16,7 +17,6 @@ from gsfw.core.splats import Splats
 from gsfw.rasterizers.ray.footprint import pixel_steps
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
-from gsfw.rasterizers.reference.lens import project_points
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 RAY = RayRasterizer()
