@@ -86,6 +86,7 @@ def _copy(leaf):
     return leaf.clone() if isinstance(leaf, torch.Tensor) else leaf
 
 
+@pytest.mark.slow
 def test_a_resumed_run_reports_what_an_unbroken_one_does(tmp_path):
     for name in ("whole", "parts"):
         arguments = [*SMALL, "steps=6", "checkpoint_every=3", f"out={tmp_path / name}"]
@@ -153,6 +154,7 @@ def test_without_held_out_views_it_says_so(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_a_rasterizer_of_another_kind_is_reported_too(tmp_path):
     arguments = (*SMALL, "rasterizer=reference", "steps=1", f"out={tmp_path / 'run'}")
     assert main(["train", *arguments]) == 0
@@ -161,7 +163,7 @@ def test_a_rasterizer_of_another_kind_is_reported_too(tmp_path):
 
 @pytest.mark.parametrize(
     ("method", "group"),
-    [("spacetime", "time parameters"), ("4dgs", "grid")],
+    [pytest.param("spacetime", "time parameters", marks=pytest.mark.slow), ("4dgs", "grid")],
 )
 def test_moving_methods_say_what_time_took_and_bought(tmp_path, method, group):
     arguments = (*MOVING, f"method={method}", "steps=8", f"out={tmp_path / 'run'}")

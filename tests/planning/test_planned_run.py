@@ -158,6 +158,7 @@ def test_a_planned_run_goes_on_for_more_steps_at_the_usual_pace(machine, tmp_pat
     assert main(["train", f"config={tmp_path / 'config.yaml'}", "--dry-run"]) == 0
 
 
+@pytest.mark.slow
 def test_a_plan_looks_for_a_surface_once_and_measures_the_start_that_it_chose(
     machine, tmp_path, monkeypatch
 ):
@@ -175,6 +176,7 @@ def test_a_plan_looks_for_a_surface_once_and_measures_the_start_that_it_chose(
     assert rows == [40, 40], "not the points of the data"
 
 
+@pytest.mark.slow
 def test_a_plan_measures_the_image_size_that_it_chose(machine, tmp_path, monkeypatch):
     monkeypatch.setattr("gsfw.planning.choices.SHORTEST_SIDE", 8)
     assert main([*RUN, "minutes=1", f"out={tmp_path}"]) == 0

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from support.agreement import (
     check_float64,
     draw_everything,
 )
-from support.backends import CUDA, EMULATED
+from support.backends import CUDA, EMULATED, emulated_sample
 from support.random_scenes import CHANNELS, SIZES, Kind, kinds
 from torch import Tensor
 
@@ -101,34 +102,37 @@ def test_random_fisheye_scenes_agree(backend, kind):
     check(backend, kind)
 
 
-@pytest.mark.parametrize("layout", ["together", "two parts", "ragged", "half active"])
-@pytest.mark.parametrize("degree", range(5))
+LAYOUTS = ("together", "two parts", "ragged", "half active")
+
+
+@pytest.mark.parametrize(
+    ("backend", "degree", "layout"),
+    emulated_sample(list(product(range(5), LAYOUTS)), daily=range(2, 20, 5)),
+    indirect=["backend"],
+)
 def test_every_layout_and_degree_of_colours_agrees(backend, degree, layout):
     check(backend, Kind(1, (33, 9), CameraModel.PINHOLE, cameras=2, degree=degree, layout=layout))
 
 
-@pytest.mark.parametrize("extras", [0, 3])
-@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize(
+    ("backend", "channels", "extras"),
+    emulated_sample(list(product(CHANNELS, (0, 3))), daily=[3, 10]),
+    indirect=["backend"],
+)
 def test_every_number_of_channels_agrees(backend, channels, extras):
     for depth in Depth:
         kind = Kind(2, (33, 9), CameraModel.PINHOLE, layout="channels", channels=channels)
         check(backend, replace(kind, extras=extras, depth=depth, background="constant"))
 
 
-def sizes_and_models() -> list:
-    """All pairs for the CPU; for the emulation, which is slow, every size with one model a day."""
-    pairs = [(size, model) for size in SIZES for model in CameraModel]
-    found = [pytest.param("cpu", *pair) for pair in pairs]
-    for backend in (EMULATED, *CUDA):
-        for place, (size, model) in enumerate(pairs):
-            daily = place % len(CameraModel) == SIZES.index(size) % len(CameraModel)
-            marks = [] if daily or backend != EMULATED else [pytest.mark.slow]
-            marks += [pytest.mark.cuda] if backend in CUDA else []
-            found += [pytest.param(backend, size, model, marks=marks)]
-    return found
+SIZES_AND_MODELS = list(product(SIZES, CameraModel))
 
 
-@pytest.mark.parametrize(("backend", "size", "model"), sizes_and_models(), indirect=["backend"])
+@pytest.mark.parametrize(
+    ("backend", "size", "model"),
+    emulated_sample(SIZES_AND_MODELS, daily=range(0, len(SIZES_AND_MODELS), len(CameraModel) + 1)),
+    indirect=["backend"],
+)
 def test_every_size_and_camera_model_agrees(backend, model, size):
     for covariances in (False, True):
         kind = Kind(3, size, model, cameras=2, covariances=covariances, antialias=covariances)

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import pytest
 import torch
 from support.agreement import Drawn, as_float64, check_float32, check_float64, draw_everything
+from support.sampling import sampled
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import Cameras
@@ -46,19 +48,12 @@ def drawn_by_the_reference(name: str, active: int) -> Drawn:
     return draw_everything(ReferenceRasterizer(), *wide)
 
 
-def mixtures() -> list:
-    """All mixtures with all active degrees; every day each mixture with two of them."""
-    found = []
-    for place, name in enumerate(DEGREES):
-        for index, active in enumerate((0, 1, 2, 4)):
-            daily = (place + index) % 2 == 0
-            found += [pytest.param(name, active, marks=[] if daily else pytest.mark.slow)]
-    return found
-
-
 # Drawn with checks of shapes by the tests below.
 @pytest.mark.unchecked
-@pytest.mark.parametrize(("name", "active"), mixtures())
+@pytest.mark.parametrize(
+    ("name", "active"),
+    sampled(list(product(DEGREES, (0, 1, 2, 4))), daily=range(0, 4 * len(DEGREES), 3)),
+)
 def test_any_mixture_of_degrees_agrees(backend, name, active):
     narrow = (ragged(DEGREES[name], active), CAMERAS, RenderSettings())
     wide = as_float64(*narrow)

@@ -34,7 +34,9 @@ def test_the_first_epoch_has_every_view_once():
         assert sorted(train(sampler(seed=seed), 5)) == [0, 1, 2, 3, 4]
 
 
-@pytest.mark.parametrize("uniform_share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize(
+    "uniform_share", [0.3, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.0, 1.0))]
+)
 def test_views_come_in_proportion_to_their_loss(uniform_share):
     samples = sampler(uniform_share)
     train(samples, 5)

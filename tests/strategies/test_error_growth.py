@@ -209,7 +209,7 @@ def test_more_views_cannot_agree_than_are_asked():
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     opacities=st.lists(st.sampled_from([0.001, 0.3, 0.9]), min_size=1, max_size=6),
     pixels=st.integers(0, 40),

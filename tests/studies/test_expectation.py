@@ -70,6 +70,7 @@ def test_a_model_that_starts_at_random_has_no_points_to_add_to():
     assert start.last_step_seconds >= start.step_seconds
 
 
+@pytest.mark.slow
 def test_the_expected_disk_is_about_that_of_the_run(tmp_path, capsys):
     settings = [f"{key}={text}" for key, text in SCENE.items()]
     run = ["train", *settings, "steps=40", f"out={tmp_path / 'run'}", "json=true"]

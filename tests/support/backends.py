@@ -1,9 +1,11 @@
 """The rasterizers, by name, as tests ask them for images on the CPU."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Container, Sequence
+from typing import Any
 
 import pytest
 import torch
+from _pytest.mark import ParameterSet
 from emulation.launcher import EmulatedLauncher
 
 from gsfw.core.rasterizer import Rasterizer
@@ -11,6 +13,7 @@ from gsfw.rasterizers import gsfw_rasterizers
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
 from support.native_programs import compiler
 from support.on_cuda import OnCuda
+from support.sampling import sampled
 
 SPECS = {spec.name: spec for spec in gsfw_rasterizers()}
 """Every backend of ours, by name."""
@@ -59,3 +62,17 @@ BACKENDS: dict[str, Callable[[], Rasterizer]] = {
 
 NAMES = ["cpu", EMULATED, *(pytest.param(name, marks=pytest.mark.cuda) for name in CUDA)]
 """Those that are measured against the reference."""
+
+
+def emulated_sample(cases: Sequence[tuple[Any, ...]], daily: Container[int]) -> list[ParameterSet]:
+    """Every case for every backend; a sample of them on the emulation, which is slow.
+
+    Args:
+        cases: values of the test's parameters other than the backend, which comes first.
+        daily: places of the cases that the emulation takes in plain ``pytest``.
+    """
+    return [
+        *(pytest.param("cpu", *case) for case in cases),
+        *sampled([(EMULATED, *case) for case in cases], daily),
+        *(pytest.param(name, *case, marks=pytest.mark.cuda) for name in CUDA for case in cases),
+    ]

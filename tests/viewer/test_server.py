@@ -160,6 +160,7 @@ def test_a_taken_port_is_a_sentence(small):
         ViewerConfig(enabled=True, port=small.server.port).check()
 
 
+@pytest.mark.slow
 def test_a_page_that_reads_nothing_gets_no_further_frame(small):
     """The frames that fit into the buffers of the system are sent; then it is left alone."""
     rendered, make = [], small.session.service.maker.make

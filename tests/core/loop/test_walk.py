@@ -85,7 +85,9 @@ def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
     assert_same_bits(*map(bits, runs))
 
 
-@pytest.mark.parametrize("stop_at", [3, 9, 14, 40])
+@pytest.mark.parametrize(
+    "stop_at", [9, *(pytest.param(step, marks=pytest.mark.slow) for step in (3, 14, 40))]
+)
 def test_a_run_that_goes_on_at_its_pace_has_the_bits_of_one_that_never_stopped(tmp_path, stop_at):
     whole = trainer(tmp_path / "whole", pace=PACE, held_back="1")
     whole.fit()

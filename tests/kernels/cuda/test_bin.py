@@ -2,7 +2,7 @@
 
 import ctypes
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import ClassVar
 
@@ -25,6 +25,7 @@ from support.ellipses import (
     random_scene,
     reached,
 )
+from support.sampling import sampled
 from torch import Tensor
 
 from gsfw.kernels.cuda.jobs import INT, INT64, POINTER, EmitJob, Grid, TilesJob
@@ -139,9 +140,10 @@ def launcher_of(seed: int) -> EmulatedLauncher:
     return EmulatedLauncher(seed=seed, folders=[Path(__file__).parent])
 
 
-@pytest.mark.parametrize("dtype", C_TYPES, ids=str)
-@pytest.mark.parametrize("size", IMAGES, ids=str)
-@pytest.mark.parametrize("kind", LENGTHS)
+@pytest.mark.parametrize(
+    ("kind", "size", "dtype"),
+    sampled(list(product(LENGTHS, IMAGES, C_TYPES)), daily=range(0, 72, 5)),
+)
 def test_pairs_are_the_tiles_that_an_ellipse_meets(
     launcher: EmulatedLauncher, kind: str, size: tuple[int, int], dtype: torch.dtype
 ) -> None:

@@ -310,7 +310,9 @@ def test_what_is_compiled_stays_compiled(monkeypatch: pytest.MonkeyPatch) -> Non
     launcher().prepare(kernels)
 
 
-@pytest.mark.parametrize("machine", ["this", "any", "arm"])
+@pytest.mark.parametrize(
+    "machine", ["this", *(pytest.param(name, marks=pytest.mark.slow) for name in ("any", "arm"))]
+)
 def test_fibers_switch_by_hand_and_by_the_system(machine: str, tmp_path: Path) -> None:
     command = cross_compiler() if machine == "arm" else compiler()
     folders = [EMULATION, KERNELS, emulated_launcher.SOURCES]

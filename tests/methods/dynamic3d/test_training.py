@@ -68,8 +68,8 @@ def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("method", "budget"),
     [
-        *(("spacetime", "60"), ("dynamic3dgs", "60")),
-        *(pytest.param(method, "60", marks=pytest.mark.slow) for method in ("4dgs", "4d-rotor")),
+        ("dynamic3dgs", "60"),
+        *(pytest.param(method, "60", marks=pytest.mark.slow) for method in DYNAMIC[:-1]),
         *(pytest.param(method, "auto", marks=pytest.mark.slow) for method in DYNAMIC),
     ],
 )

@@ -110,6 +110,7 @@ def test_where_colmap_does_not_load_that_is_told_and_nothing_else_is_lost(
     assert "unlit images" in found
 
 
+@pytest.mark.slow
 def test_exchanged_and_misplaced_images_are_named(sound, tmp_path):
     exchanged = findings_of(faults.poses_exchanged(sound), tmp_path / "a")["poses exchanged"]
     assert set(exchanged.images) == {"images/view_04.jpg", "images/view_14.jpg"}
@@ -127,6 +128,7 @@ def test_a_focal_length_of_other_images_is_told_with_its_factor(tmp_path):
     assert [finding.kind for finding in pose_findings(survey)] == ["focal length wrong"]
 
 
+@pytest.mark.slow
 def test_two_scenes_in_one_are_told(sound, tmp_path):
     # Features of a negative match none of the positive; each scene alone is sound.
     other = replace(sound, images=tuple(255 - image for image in sound.images))
@@ -135,6 +137,7 @@ def test_two_scenes_in_one_are_told(sound, tmp_path):
     assert all(name.startswith("images/zz_view") for name in found["two scenes"].images)
 
 
+@pytest.mark.slow
 def test_an_object_on_a_turntable_is_told_unless_it_is_cut_out(cutout, tmp_path):
     small = np.random.default_rng(2).integers(0, 255, (30, 40, 3)).astype(np.uint8)
     behind = np.asarray(Image.fromarray(small).resize((WIDTH, HEIGHT), Image.Resampling.BICUBIC))

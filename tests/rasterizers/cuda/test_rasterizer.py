@@ -39,6 +39,7 @@ def deep_scene() -> tuple[Splats, Cameras, RenderSettings]:
     return splats, cameras, EVERYTHING
 
 
+@pytest.mark.slow
 def test_when_deterministic_any_order_of_threads_gives_the_same_bits():
     scene = deep_scene()
     expected = draw_everything(emulated(0, deterministic=True), *scene)
@@ -58,7 +59,9 @@ def test_images_have_the_same_bits_even_when_gradients_have_not():
         torch.testing.assert_close(found[name], tensor, rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    "dtype", [torch.float32, pytest.param(torch.float64, marks=pytest.mark.slow)]
+)
 def test_the_deterministic_mode_agrees_with_the_reference(dtype):
     splats, cameras, settings = deep_scene()
     wide = as_float64(splats, cameras, settings)

@@ -59,6 +59,7 @@ def test_a_profile_that_was_asked_for_is_minded_when_the_rasterizer_is_chosen(
     assert settings(profile="default").choices["rasterizer"].name == "reference"
 
 
+@pytest.mark.slow
 def test_it_trains_and_the_run_keeps_its_profile(works_here, tmp_path, capsys):
     out = tmp_path / "run"
     assert main(["train", "method=3dgs", "rasterizer=gsplat", *SMALL, f"out={out}"]) == 0
