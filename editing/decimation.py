@@ -14,8 +14,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.contributions import most_useful
 from gsfw.core.splats import Sh
-from gsfw.editing.capture import most_useful, row_mask
+from gsfw.editing.capture import row_mask
 from gsfw.editing.editable import EditableSplats
 from gsfw.editing.editable_model import EditableModel
 from gsfw.editing.merging import merged_down
@@ -45,7 +46,7 @@ def decimate(given: EditableSplats, count: int) -> Decimated:
         given: more splats than that.
         count: number of splats that are left, at least 1.
     """
-    scores = given.shares().total
+    scores = given.contributions().total
     comparison = Comparison.of(given.capture())
     targets = comparison.images(given.scene_splats())
     tried: list[tuple[float, EditableSplats]] = []
@@ -69,7 +70,7 @@ def decimate_model(given: EditableModel, count: int) -> Decimated | None:
 
     ``None`` if its colours cannot be refitted; the rows are left out all the same.
     """
-    rows = row_mask(most_useful(given.shares().total, count), len(given))
+    rows = row_mask(most_useful(given.contributions().total, count), len(given))
     if not given.can_refit():
         given.keep(rows)
         return None
@@ -89,7 +90,7 @@ def _refit(
     targets: Sequence[Float[Tensor, "h w 3"]],
 ) -> tuple[Float[Tensor, "n 3"], float]:
     """Constant coefficients that are nearest to the images, and their PSNR."""
-    fitted = refitted(piece.scene_splats(), comparison, targets, piece.shares().total)
+    fitted = refitted(piece.scene_splats(), comparison, targets, piece.contributions().total)
     assert isinstance(fitted.colors, Sh)
     return fitted.colors.coefficients[:, 0], comparison.psnr(fitted, targets)
 

@@ -10,12 +10,13 @@ import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
+from gsfw.core.contributions import Contributions
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Sh, Splats
 from gsfw.editing import colors
-from gsfw.editing.capture import Capture, Shares, shares
+from gsfw.editing.capture import Capture
 from gsfw.editing.colors import ColorMap
 from gsfw.editing.transforms import composed, direction, up_after
 
@@ -62,7 +63,7 @@ class Editable(ABC):
         """
 
     @abstractmethod
-    def shares(self) -> Shares:
+    def contributions(self) -> Contributions:
         """Measure the contributions of each row to the views of the capture."""
 
     @abstractmethod
@@ -142,10 +143,10 @@ class EditableSplats(Editable):
         """The rows that pass a test."""
         return test(self.content.splats)
 
-    def shares(self) -> Shares:
+    def contributions(self) -> Contributions:
         """Measure the contributions of each splat to the views of the capture."""
         splats = self.scene_splats()
-        return shares(self.capture(), lambda time: splats, len(self))
+        return self.capture().contributions(lambda time: splats, len(self))
 
     def keep(self, rows: Bool[Tensor, " n"]) -> EditableSplats:
         """Leave out all other rows."""

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout, Rows
+from gsfw.core.contributions import Contributions
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths.frame import with_axes
 from gsfw.core.maths.similarity import Similarity
@@ -16,7 +17,7 @@ from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.numerics import FAINTEST
 from gsfw.core.splats import Sh, Splats
-from gsfw.editing.capture import Capture, Shares, shares
+from gsfw.editing.capture import Capture
 from gsfw.editing.colors import ColorMap
 from gsfw.editing.editable import Editable, Test, to_world
 from gsfw.editing.transforms import composed, up_after
@@ -89,14 +90,9 @@ class EditableModel(Editable):
             failed[rows] |= ~passes & tested
         return passed & ~failed if self.at_all_times and not ever else passed
 
-    @torch.no_grad()
-    def shares(self) -> Shares:
+    def contributions(self) -> Contributions:
         """Measure the contributions of each row to the training views, each at its time."""
-
-        def splats_at(time: Float[Tensor, ""] | None) -> Splats:
-            return self.model.splats(time).map(torch.Tensor.detach)
-
-        return shares(self.given, splats_at, len(self))
+        return self.given.contributions(self.model.splats, len(self))
 
     def keep(self, rows: Bool[Tensor, " n"]) -> EditableModel:
         """Leave out all other rows, of every column."""

@@ -16,7 +16,8 @@ from gsfw.commands.edit.output import Output
 from gsfw.commands.edit.verb import EditOptions
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.runs import RunArgument, find_run, restore_run
-from gsfw.core.capabilities import Feature, Needs, check_fit
+from gsfw.core.capabilities import check_fit
+from gsfw.core.contributions import MEASURES
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.exchange import ExportSource, Holds, SplatFile, StoredModel
@@ -108,8 +109,7 @@ class Session:
         composition = restored.composition
         parts, settings = composition.parts, composition.plan.settings
         name = composition.settings.choices["rasterizer"].name
-        feature = Needs(features=frozenset({Feature.CONTRIBUTION}))
-        needs = {step.name: feature for step in self.steps if OPERATIONS[step.name].renders}
+        needs = {step.name: MEASURES for step in self.steps if OPERATIONS[step.name].renders}
         check_fit(name, needs, rasterizer_capabilities(self.registry), parts.device.type)
         return Capture(
             cameras=parts.data.views(Split.TRAIN).cameras,
