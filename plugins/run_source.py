@@ -35,7 +35,7 @@ from gsfw.plugins.preview import preview
 from gsfw.plugins.rebuild import stored_model
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
-from gsfw.plugins.snapshot import Snapshot, snapshot
+from gsfw.plugins.snapshot import snapshot
 
 
 def is_dynamic(composition: Composition) -> bool:
@@ -65,15 +65,11 @@ class RunSource(ExportSource):
         """The same run at another time."""
         return replace(self, time=time)
 
-    def snapshot(self) -> Snapshot:
-        """The splats at one time, and the number of dropped ones."""
+    def splat_file(self) -> SplatFile:
+        """The splats at one time, in the world of the data."""
         parts, settings = self.restored.composition.parts, self.restored.composition.plan.settings
         instant = torch.tensor(self.time, device=parts.device)
         return snapshot(parts.model, parts.data.scene, settings.antialias, instant, self.edit)
-
-    def splat_file(self) -> SplatFile:
-        """The splats at one time, in the world of the data."""
-        return self.snapshot().content
 
     @cached_property
     def fits(self) -> dict[bool, FittedMotion]:

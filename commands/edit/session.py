@@ -151,14 +151,12 @@ class Session:
     def _open_splats(self) -> EditableSplats:
         if self.found.splat_file is None:
             self._warn_of_rest()
-            taken = RunSource(self._restored, self.options.time).snapshot()
-            content, dropped = taken.content, taken.num_dropped
+            content = RunSource(self._restored, self.options.time).splat_file()
         else:
             with stage(f"reading {self.found.splat_file.name}"):
                 content = read_at(self.found.splat_file, self.options.time, self.registry)
-            dropped = content.num_dropped
-        if dropped:
-            self.console.warn(f"{dropped:,} splats were left out: they are not finite.")
+        if content.num_dropped:
+            self.console.warn(f"{content.num_dropped:,} splats were left out: they are not finite.")
         return EditableSplats(content, lambda: self._capture, Similarity())
 
     def _warn_of_rest(self) -> None:
