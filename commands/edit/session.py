@@ -32,7 +32,7 @@ from gsfw.editing.editable_model import EditableModel
 from gsfw.editing.operations.catalogue import OPERATIONS
 from gsfw.editing.operations.edit import Surroundings
 from gsfw.editing.script import Step, StepResult, apply, write_steps
-from gsfw.formats.ply import PlyExporter
+from gsfw.formats.stored_rows import held_by_float32
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import Registry
@@ -40,7 +40,7 @@ from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.shorter_bands import without_bands
 from gsfw.plugins.splat_instant import read_at
-from gsfw.plugins.splat_run import open_splats
+from gsfw.plugins.splat_run import run_of_splats
 
 INSTANTS = 33
 """Most times of the data at which the rows of a moving model are tested, spread evenly."""
@@ -194,10 +194,11 @@ class Session:
 
     def _as_model(self, content: SplatFile) -> RunSource:
         """The model of 3DGS that splats fit into, with cameras around them."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / self._output.path.with_suffix(".ply").name
-            PlyExporter().write(path, content)
-            return RunSource(open_splats(path, self.registry, self.options.changed()))
+        beyond = int((~held_by_float32(content.splats)).sum())
+        if beyond:
+            raise ValueError(f"{beyond:,} splats have values that are no numbers of float32")
+        changed = self.options.changed()
+        return RunSource(run_of_splats(content, self._output.path, self.registry, changed))
 
     def _model(self, piece: Editable) -> _EditedModel:
         source = RunSource(self._restored)
