@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -49,6 +51,7 @@ class EditableModel(Editable):
     """Time of ``splats``."""
     moved: Similarity
     up: str
+    in_place: ClassVar[bool] = True
 
     def __len__(self) -> int:
         return self.model.num_rows
@@ -73,6 +76,19 @@ class EditableModel(Editable):
     def splats(self) -> Splats:
         """The splats of one time in the world of now."""
         return with_axes(to_world(self._at(self.time), self.world_from_scene()))
+
+    def scene_splats(self) -> Splats:
+        """The splats of one time in the scene frame, as they are rendered."""
+        return self._at(self.time)
+
+    def as_file(self) -> None:
+        """Nothing: its run stores it."""
+
+    def file_bytes(self, num_bytes: Callable[[Editable], int]) -> tuple[float, float]:
+        """Bytes by the size of its file and those of the columns."""
+        total = num_bytes(self)
+        each = min(self.row_bytes(), total / len(self))  # Bands of zeros are not written.
+        return max(total - each * len(self), 0.0), each
 
     def chosen(self, test: Test, ever: bool = False) -> Bool[Tensor, " n"]:
         """The rows that pass a test at any of the times, or at all of them, when they are seen."""
@@ -101,6 +117,14 @@ class EditableModel(Editable):
         for name, column in self.model.columns().items():
             column.assign(taken[name])
         return self
+
+    def with_splats(self, splats: Splats) -> EditableModel:
+        """Raise an error: splats are no rows of a model.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError("the rows of a model can only be left out, not replaced.", AS_FILE)
 
     def transformed(self, similarity: Similarity) -> EditableModel:
         """Change the world; the scene frame, its cameras and all parameters stay."""
@@ -145,10 +169,6 @@ class EditableModel(Editable):
         """True for a static model whose constant colours are a column."""
         is_still = len(self.times) == 1 and CONSTANT in self.model.columns()
         return is_still and isinstance(self._at(self.time).colors, Sh) and not self._decodes()
-
-    def scene_splats(self) -> Splats:
-        """The splats in the scene frame, as they are rendered."""
-        return self._at(self.time)
 
     @torch.no_grad()
     def with_constants(self, dc: Float[Tensor, "n 3"]) -> EditableModel:

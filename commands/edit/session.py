@@ -188,9 +188,10 @@ class Session:
 
     def _content(self, piece: Editable) -> ExportSource:
         """The content of a file with what is edited."""
-        if not isinstance(piece, EditableSplats):
+        content = piece.as_file()
+        if content is None:
             return self._model(piece)
-        return self._as_model(piece.content) if self._output.is_model else piece.content
+        return self._as_model(content) if self._output.is_model else content
 
     def _as_model(self, content: SplatFile) -> RunSource:
         """The model of 3DGS that splats fit into, with cameras around them."""
