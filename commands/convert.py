@@ -234,8 +234,7 @@ class _Conversion:
         source = RunSource(restored, self.options.time, data_times(restored.composition))
         if holds is not Holds.SPLATS:
             return _Input(source, None)
-        taken = source.snapshot()
-        return _Input(source, replace(taken.content, num_dropped=taken.num_dropped))
+        return _Input(source, source.splat_file())
 
     def _smaller(self, content: SplatFile) -> tuple[SplatFile, int]:
         """The splats to be written, and the number of invisible ones that are not."""

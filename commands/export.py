@@ -15,12 +15,11 @@ from gsfw.core.words import size
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import RunArgument
-    from gsfw.core.exchange import Exporter, Holds
+    from gsfw.core.exchange import Exporter, Holds, SplatFile
     from gsfw.core.splats import Splats
     from gsfw.plugins.compose import Composition
     from gsfw.plugins.registry import Registry
     from gsfw.plugins.restore import Restored
-    from gsfw.plugins.snapshot import Snapshot
 
 ALL = "all"
 PLY = "ply"
@@ -228,8 +227,8 @@ class _Export:
 
         options = self.options
         edit = cut(self.restored, options.keep, options.sh_degree)
-        taken = RunSource(self.restored, options.time, edit=edit).snapshot()
-        content, invisible = without_invisible(taken.content)
+        taken = RunSource(self.restored, options.time, edit=edit).splat_file()
+        content, invisible = without_invisible(taken)
         path = self._path("splats")
         with readable_value_errors(path, options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
@@ -370,10 +369,10 @@ def _corrections(
     return {"corrections": [str(path) for path in paths]} if paths else {}
 
 
-def _notes(taken: Snapshot) -> list[str]:
+def _notes(taken: SplatFile) -> list[str]:
     """Warnings about the file, as sentences."""
     left_out = [f"{taken.num_dropped} splats were left out: they are not finite."]
-    return left_out * bool(taken.num_dropped) + rounding_note(taken.content.splats)
+    return left_out * bool(taken.num_dropped) + rounding_note(taken.splats)
 
 
 def rounding_note(splats: Splats) -> list[str]:

@@ -112,7 +112,7 @@ class SplatFile(ExportSource):
     properties: Mapping[str, str] = field(default_factory=dict)
     """Further properties that the file states, for ``gsfw info``."""
     num_dropped: int = 0
-    """Rows of a file that were not read, as a value of theirs is not finite."""
+    """Rows of a file or model that were left out, as a value of theirs is not finite."""
 
     def notes(self) -> tuple[str, ...]:
         """A sentence on the rows that were not read, if there are any."""

@@ -7,17 +7,15 @@ first is tried, and the best by PSNR against the given splats is taken.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.contributions import most_useful
 from gsfw.core.splats import Sh
-from gsfw.editing.capture import most_useful, row_mask
-from gsfw.editing.editable import EditableSplats
-from gsfw.editing.editable_model import EditableModel
+from gsfw.editing.capture import row_mask
+from gsfw.editing.editable import Editable
 from gsfw.editing.merging import merged_down
 from gsfw.editing.refit import Comparison, refitted
 
@@ -31,84 +29,50 @@ refitting, 0.03 gives 36.5, 27.8 and 22.8, and 1 (no merging) 35.9, 22.3 and 16.
 class Decimated:
     """Fewer splats."""
 
-    piece: EditableSplats | EditableModel
-    psnr: float
-    """PSNR of their views against those of the given ones, in dB."""
-    before_refit: float
+    piece: Editable
+    psnr: float | None = None
+    """PSNR of their views against those of the given ones, in dB; ``None`` where colours cannot be
+    refitted, so that nothing is compared."""
+    before_refit: float | None = None
     """The same with the colours as they were."""
 
 
-def decimate(given: EditableSplats, count: int) -> Decimated:
-    """Decimate to exactly ``count`` splats.
+def decimate(given: Editable, count: int) -> Decimated:
+    """Decimate to exactly ``count`` splats, or rows of a model.
+
+    The constant colours are refitted where they can be, and rows are merged unless it is changed in
+    place.
 
     Args:
         given: more splats than that.
         count: number of splats that are left, at least 1.
     """
-    scores = given.shares().total
+    scores = given.contributions().total
+    if not given.can_refit():
+        return Decimated(_fewer(given, scores, count, 1.0))
     comparison = Comparison.of(given.capture())
     targets = comparison.images(given.scene_splats())
-    tried: list[tuple[float, EditableSplats]] = []
-    for part in LEFT_OUT:
+    tried: list[tuple[float, Editable]] = []
+    for part in LEFT_OUT[-1:] if given.in_place else LEFT_OUT:
         smaller = _fewer(given, scores, count, part)
         tried.append((comparison.psnr(smaller.scene_splats(), targets), smaller))
     before, best = max(tried, key=lambda item: item[0])
-    colors, fitted, psnr = best.splats().colors, *_refit(best, comparison, targets)
+    fitted = refitted(best.scene_splats(), comparison, targets, best.contributions().total)
+    psnr = comparison.psnr(fitted, targets)
     if not psnr > before:  # Colours were clamped, so that the problem is not linear.
         return Decimated(best, before, before)
-    assert isinstance(colors, Sh)
-    dense = colors.dense().clone()
-    # Rotations leave the constant coefficient as it is: it is the same in the scene frame.
-    dense[:, 0] = fitted.to(dense)
-    splats = replace(best.splats(), colors=Sh(dense, colors.degree))
-    return Decimated(best.with_splats(splats), psnr, before)
-
-
-def decimate_model(given: EditableModel, count: int) -> Decimated | None:
-    """Leave out rows that add least, and refit the constant colours of a static model.
-
-    ``None`` if its colours cannot be refitted; the rows are left out all the same.
-    """
-    rows = row_mask(most_useful(given.shares().total, count), len(given))
-    if not given.can_refit():
-        given.keep(rows)
-        return None
-    comparison = Comparison.of(given.capture())
-    targets = comparison.images(given.scene_splats())
-    best = given.keep(rows)
-    before = comparison.psnr(best.scene_splats(), targets)
-    fitted, psnr = _refit(best, comparison, targets)
-    if not psnr > before:
-        return Decimated(best, before, before)
-    return Decimated(best.with_constants(fitted), psnr, before)
-
-
-def _refit(
-    piece: EditableSplats | EditableModel,
-    comparison: Comparison,
-    targets: Sequence[Float[Tensor, "h w 3"]],
-) -> tuple[Float[Tensor, "n 3"], float]:
-    """Constant coefficients that are nearest to the images, and their PSNR."""
-    fitted = refitted(piece.scene_splats(), comparison, targets, piece.shares().total)
     assert isinstance(fitted.colors, Sh)
-    return fitted.colors.coefficients[:, 0], comparison.psnr(fitted, targets)
+    return Decimated(best.with_constants(fitted.colors.coefficients[:, 0]), psnr, before)
 
 
-def _fewer(
-    given: EditableSplats, scores: Float[Tensor, " n"], count: int, part: float
-) -> EditableSplats:
+def _fewer(given: Editable, scores: Float[Tensor, " n"], count: int, part: float) -> Editable:
     """Leave out the least useful splats, at most ``part`` of all contributions; merge the rest."""
-    ordered = scores.sort().values
-    below = int((ordered.cumsum(0) < part * ordered.sum()).sum())
-    unused = min(below, len(given) - count)
+    unused = len(given) - count
+    if part < 1:
+        ordered = scores.sort().values
+        unused = min(int((ordered.cumsum(0) < part * ordered.sum()).sum()), unused)
     rows = most_useful(scores, len(given) - unused)
-    splats = given.splats().take(rows)
-    if len(rows) > count:
-        splats = merged_down(splats, scores[rows], count)
-    return given.with_splats(splats)
-
-
-def evenly(given: EditableSplats, count: int) -> EditableSplats:
-    """Some of the splats, evenly over their rows: a sample for sizes of files."""
-    rows = torch.linspace(0, len(given) - 1, count).round().long()
-    return given.with_splats(given.splats().take(rows))
+    kept = given.keep(row_mask(rows, len(given)))
+    if len(rows) == count:
+        return kept
+    return kept.with_splats(merged_down(kept.splats(), scores[rows], count))

@@ -5,22 +5,26 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import torch
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
+from gsfw.core.contributions import Contributions
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Sh, Splats
 from gsfw.editing import colors
-from gsfw.editing.capture import Capture, Shares, shares
+from gsfw.editing.capture import Capture
 from gsfw.editing.colors import ColorMap
 from gsfw.editing.transforms import composed, direction, up_after
 
 Test = Callable[[Splats], Bool[Tensor, " n"]]
 """Chooses among splats, which are in the world of the data with quaternions and scales."""
+SAMPLE = 20_000
+"""Splats in a file whose size gives the bytes of each."""
 
 
 class Editable(ABC):
@@ -30,6 +34,8 @@ class Editable(ABC):
     """The transform from the world before all edits to the one of now."""
     up: str
     """Upward direction in the world of now ("z", "-y"); empty when unknown."""
+    in_place: ClassVar[bool]
+    """True if edits change it in place, and rows can be left out, but not added or merged."""
 
     @abstractmethod
     def __len__(self) -> int:
@@ -53,6 +59,22 @@ class Editable(ABC):
         """The splats in the world of now, in float64 on the CPU; of a model at one time."""
 
     @abstractmethod
+    def scene_splats(self) -> Splats:
+        """The splats in the scene frame of the capture, in float32, to be rendered."""
+
+    @abstractmethod
+    def as_file(self) -> SplatFile | None:
+        """The content of a file of splats; ``None`` for a model, which its run stores."""
+
+    @abstractmethod
+    def file_bytes(self, num_bytes: Callable[[Editable], int]) -> tuple[float, float]:
+        """Bytes of a file of it: of all that is no row, and of each row, which may be 0.
+
+        Args:
+            num_bytes: measures the file of what it is given.
+        """
+
+    @abstractmethod
     def chosen(self, test: Test, ever: bool = False) -> Bool[Tensor, " n"]:
         """The rows that pass a test: of a model at any time when they are seen, or at all of them.
 
@@ -62,12 +84,28 @@ class Editable(ABC):
         """
 
     @abstractmethod
-    def shares(self) -> Shares:
+    def contributions(self) -> Contributions:
         """Measure the contributions of each row to the views of the capture."""
 
     @abstractmethod
     def keep(self, rows: Bool[Tensor, " n"]) -> Editable:
         """Leave out all other rows."""
+
+    @abstractmethod
+    def with_splats(self, splats: Splats) -> Editable:
+        """Replace the splats by others of the same world.
+
+        Raises:
+            ConfigError: it is changed in place.
+        """
+
+    @abstractmethod
+    def can_refit(self) -> bool:
+        """True if ``with_constants`` changes what is seen in all views."""
+
+    @abstractmethod
+    def with_constants(self, dc: Float[Tensor, "n 3"]) -> Editable:
+        """Replace the constant SH coefficients."""
 
     @abstractmethod
     def transformed(self, similarity: Similarity) -> Editable:
@@ -107,6 +145,7 @@ class EditableSplats(Editable):
     open_capture: Callable[[], Capture]
     """Opens the capture; it may cost seconds, and is called only where an edit needs it."""
     moved: Similarity
+    in_place: ClassVar[bool] = False
 
     @property
     def up(self) -> str:  # type: ignore[override]
@@ -138,14 +177,30 @@ class EditableSplats(Editable):
         splats = transform_splats(self.content.splats, inverse).map(torch.Tensor.float)
         return splats.to(self.capture().device)
 
+    def as_file(self) -> SplatFile:
+        """The splats."""
+        return self.content
+
+    def file_bytes(self, num_bytes: Callable[[Editable], int]) -> tuple[float, float]:
+        """Bytes by the sizes of two files, of a sample of the rows and of a half of it."""
+        count = min(len(self), SAMPLE)
+        half, whole = (num_bytes(self._sample(part)) for part in (max(1, count // 2), count))
+        each = (whole - half) / max(count - count // 2, 1)
+        return whole - count * each, each
+
+    def _sample(self, count: int) -> EditableSplats:
+        """Some of the splats, evenly over their rows."""
+        rows = torch.linspace(0, len(self) - 1, count).round().long()
+        return self.with_splats(self.content.splats.take(rows))
+
     def chosen(self, test: Test, ever: bool = False) -> Bool[Tensor, " n"]:
         """The rows that pass a test."""
         return test(self.content.splats)
 
-    def shares(self) -> Shares:
+    def contributions(self) -> Contributions:
         """Measure the contributions of each splat to the views of the capture."""
         splats = self.scene_splats()
-        return shares(self.capture(), lambda time: splats, len(self))
+        return self.capture().contributions(lambda time: splats, len(self))
 
     def keep(self, rows: Bool[Tensor, " n"]) -> EditableSplats:
         """Leave out all other rows."""
@@ -154,6 +209,18 @@ class EditableSplats(Editable):
     def with_splats(self, splats: Splats) -> EditableSplats:
         """Other splats of the same world."""
         return replace(self, content=replace(self.content, splats=splats))
+
+    def can_refit(self) -> bool:
+        """True for SH colours."""
+        return isinstance(self.content.splats.colors, Sh)
+
+    def with_constants(self, dc: Float[Tensor, "n 3"]) -> EditableSplats:
+        """Replace the constant coefficients, which rotations leave as they are."""
+        splats = self.content.splats
+        assert isinstance(splats.colors, Sh)
+        dense = splats.colors.dense().clone()
+        dense[:, 0] = dc.to(dense)
+        return self.with_splats(replace(splats, colors=Sh(dense, splats.colors.degree)))
 
     def transformed(self, similarity: Similarity) -> EditableSplats:
         """Move the splats, and the capture's cameras with them."""

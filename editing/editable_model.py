@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout, Rows
+from gsfw.core.contributions import Contributions
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths.frame import with_axes
 from gsfw.core.maths.similarity import Similarity
@@ -16,7 +19,7 @@ from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.numerics import FAINTEST
 from gsfw.core.splats import Sh, Splats
-from gsfw.editing.capture import Capture, Shares, shares
+from gsfw.editing.capture import Capture
 from gsfw.editing.colors import ColorMap
 from gsfw.editing.editable import Editable, Test, to_world
 from gsfw.editing.transforms import composed, up_after
@@ -48,6 +51,7 @@ class EditableModel(Editable):
     """Time of ``splats``."""
     moved: Similarity
     up: str
+    in_place: ClassVar[bool] = True
 
     def __len__(self) -> int:
         return self.model.num_rows
@@ -73,6 +77,19 @@ class EditableModel(Editable):
         """The splats of one time in the world of now."""
         return with_axes(to_world(self._at(self.time), self.world_from_scene()))
 
+    def scene_splats(self) -> Splats:
+        """The splats of one time in the scene frame, as they are rendered."""
+        return self._at(self.time)
+
+    def as_file(self) -> None:
+        """Nothing: its run stores it."""
+
+    def file_bytes(self, num_bytes: Callable[[Editable], int]) -> tuple[float, float]:
+        """Bytes by the size of its file and those of the columns."""
+        total = num_bytes(self)
+        each = min(self.row_bytes(), total / len(self))  # Bands of zeros are not written.
+        return max(total - each * len(self), 0.0), each
+
     def chosen(self, test: Test, ever: bool = False) -> Bool[Tensor, " n"]:
         """The rows that pass a test at any of the times, or at all of them, when they are seen."""
         passed = torch.zeros(len(self), dtype=torch.bool)
@@ -89,14 +106,9 @@ class EditableModel(Editable):
             failed[rows] |= ~passes & tested
         return passed & ~failed if self.at_all_times and not ever else passed
 
-    @torch.no_grad()
-    def shares(self) -> Shares:
+    def contributions(self) -> Contributions:
         """Measure the contributions of each row to the training views, each at its time."""
-
-        def splats_at(time: Float[Tensor, ""] | None) -> Splats:
-            return self.model.splats(time).map(torch.Tensor.detach)
-
-        return shares(self.given, splats_at, len(self))
+        return self.given.contributions(self.model.splats, len(self))
 
     def keep(self, rows: Bool[Tensor, " n"]) -> EditableModel:
         """Leave out all other rows, of every column."""
@@ -105,6 +117,14 @@ class EditableModel(Editable):
         for name, column in self.model.columns().items():
             column.assign(taken[name])
         return self
+
+    def with_splats(self, splats: Splats) -> EditableModel:
+        """Raise an error: splats are no rows of a model.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError("the rows of a model can only be left out, not replaced.", AS_FILE)
 
     def transformed(self, similarity: Similarity) -> EditableModel:
         """Change the world; the scene frame, its cameras and all parameters stay."""
@@ -149,10 +169,6 @@ class EditableModel(Editable):
         """True for a static model whose constant colours are a column."""
         is_still = len(self.times) == 1 and CONSTANT in self.model.columns()
         return is_still and isinstance(self._at(self.time).colors, Sh) and not self._decodes()
-
-    def scene_splats(self) -> Splats:
-        """The splats in the scene frame, as they are rendered."""
-        return self._at(self.time)
 
     @torch.no_grad()
     def with_constants(self, dc: Float[Tensor, "n 3"]) -> EditableModel:

@@ -24,7 +24,7 @@ from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
 from gsfw.formats.compact.half_precision import halved
 from gsfw.formats.compact.state_reader import StateReader
 from gsfw.formats.compact.state_writer import encode_model, num_filling
-from gsfw.formats.header_fields import BROKEN, HeaderFields
+from gsfw.formats.json_fields import BROKEN, JsonFields
 from gsfw.formats.model_header import CODED, STATE, read_header, write_header
 
 ROWS, FILLING = "rows", "filling"
@@ -165,7 +165,7 @@ def _state(
     """
     if CODED not in archive.header:
         return {name: torch.from_numpy(array.copy()) for name, array in held.items()}
-    fields = HeaderFields(path, "", archive.header).fields(CODED)
+    fields = JsonFields(path, "", archive.header).fields(CODED)
     precision = fields.text("precision")
     if precision == Precision.COMPRESSED.value:
         rows = archive.arrays.get(ROWS, np.zeros(0, np.uint8)).tobytes()

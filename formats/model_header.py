@@ -19,7 +19,7 @@ from gsfw.core.maths.similarity import Similarity
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.formats.header_fields import BROKEN, HeaderFields
+from gsfw.formats.json_fields import BROKEN, JsonFields
 
 FORMAT = "gsfw model"
 VERSION, PLAIN = 2, 1
@@ -132,7 +132,7 @@ def read_header(
     Raises:
         DataError: this is no header of a model file, or one of a newer gsfw; names the place.
     """
-    fields = HeaderFields(path, "", document)
+    fields = JsonFields(path, "", document)
     _check_version(fields)
     views = _views(fields)
     method, render = fields.fields("method"), fields.fields("render")
@@ -151,7 +151,7 @@ def read_header(
     )
 
 
-def _check_version(fields: HeaderFields) -> None:
+def _check_version(fields: JsonFields) -> None:
     if fields.values.get("format") != FORMAT:
         raise DataError(
             f"{fields.path} is no model file: expected format {FORMAT!r}, "
@@ -167,7 +167,7 @@ def _check_version(fields: HeaderFields) -> None:
         )
 
 
-def _settings(fields: HeaderFields) -> dict[str, Any]:
+def _settings(fields: JsonFields) -> dict[str, Any]:
     """Read the settings: each is text, a number, true, false, nothing, or a list of these."""
     simple = str | int | float | bool | None
     for name, value in fields.values.items():
@@ -178,7 +178,7 @@ def _settings(fields: HeaderFields) -> dict[str, Any]:
     return dict(fields.values)
 
 
-def _scene(fields: HeaderFields, views: Mapping[Split, Views]) -> Scene:
+def _scene(fields: JsonFields, views: Mapping[Split, Views]) -> Scene:
     frame = fields.fields("world_from_scene")
     times = None if fields.is_null("time_range") else fields.numbers("time_range", 2)
     centers = [camera.centers for camera in views[Split.TRAIN].cameras]
@@ -200,7 +200,7 @@ def _scene(fields: HeaderFields, views: Mapping[Split, Views]) -> Scene:
     )
 
 
-def _render(fields: HeaderFields) -> RenderSettings:
+def _render(fields: JsonFields) -> RenderSettings:
     profile = fields.text("profile")
     if profile not in PROFILES:
         raise DataError(
@@ -217,7 +217,7 @@ def _render(fields: HeaderFields) -> RenderSettings:
     )
 
 
-def _columns(fields: HeaderFields) -> dict[str, StoredColumn]:
+def _columns(fields: JsonFields) -> dict[str, StoredColumn]:
     columns: dict[str, StoredColumn] = {}
     for name in fields.values:
         item = fields.fields(name)
@@ -231,7 +231,7 @@ def _columns(fields: HeaderFields) -> dict[str, StoredColumn]:
     return columns
 
 
-def _views(fields: HeaderFields) -> dict[Split, Views]:
+def _views(fields: JsonFields) -> dict[Split, Views]:
     found: dict[Split, list[tuple[str, Cameras]]] = {split: [] for split in Split}
     for item in fields.objects("cameras"):
         named = item.text("split")
@@ -241,8 +241,8 @@ def _views(fields: HeaderFields) -> dict[Split, Views]:
     if not found[Split.TRAIN]:
         raise DataError(f"{fields.path}: its header has no cameras that it was trained on.", BROKEN)
     origins = fields.fields("splits")
-    maps = fields.fields("maps") if "maps" in fields.values else None
-    channels = {} if maps is None else {name: maps.count(name, least=1) for name in maps.values}
+    maps = fields.fields("maps", default={})
+    channels = {name: maps.count(name, least=1) for name in maps.values}
     return {
         split: Views(
             tuple(name for name, _ in members),
@@ -254,7 +254,7 @@ def _views(fields: HeaderFields) -> dict[Split, Views]:
     }
 
 
-def _camera(fields: HeaderFields) -> Cameras:
+def _camera(fields: JsonFields) -> Cameras:
     model = fields.text("model")
     if model not in {known.value for known in CameraModel}:
         raise DataError(f"{fields.path}: {fields.where} has the model {model!r}.", BROKEN)

@@ -38,7 +38,7 @@ from gsfw.core.maths.rotations import unit_quaternions
 from gsfw.core.maths.spherical_harmonics import C0
 from gsfw.core.motion.evaluation import recentered, splats_at
 from gsfw.core.splats import Sh, Splats
-from gsfw.formats.header_fields import HeaderFields
+from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.stored_rows import CHUNK, check_any
 
 MAGIC = 0x674B
@@ -234,7 +234,7 @@ class SplatvImporter(Importer):
                 motion.path.any() or motion.spin.any() or motion.width.isfinite().any()
             )
             return MotionFile(content, motion, None if is_still else (0.0, 1.0))
-        fields = HeaderFields(path, "gsfw", about)
+        fields = JsonFields(path, "gsfw", about)
         times = float(fields.numbers("first_time")), float(fields.numbers("last_time"))
         stated = replace(
             content, up=stated_up(fields.text("up")), antialiased=fields.flag("antialiased")
@@ -243,7 +243,7 @@ class SplatvImporter(Importer):
         return MotionFile(stated, motion, None if still else times, fields.count("frames", 1))
 
 
-def _read_header(path: Path) -> tuple[HeaderFields, int, int]:
+def _read_header(path: Path) -> tuple[JsonFields, int, int]:
     """The entry of the splats, the first byte and the number of records, checked by the size."""
     try:
         with path.open("rb") as file:
@@ -266,7 +266,7 @@ def _read_header(path: Path) -> tuple[HeaderFields, int, int]:
         raise DataError(f"{path}: expected a list of parts as its header.", COPY_AGAIN)
     start = 8 + length
     for index, part in enumerate(parts):
-        fields = HeaderFields(path, f"parts[{index}]", part)
+        fields = JsonFields(path, f"parts[{index}]", part)
         part_size = fields.count("size")
         if part.get("type") == "splat":
             return fields, start, _checked_count(path, fields, part_size, size - start)
@@ -274,7 +274,7 @@ def _read_header(path: Path) -> tuple[HeaderFields, int, int]:
     raise DataError(f"{path} has no part of type 'splat'.", COPY_AGAIN)
 
 
-def _checked_count(path: Path, fields: HeaderFields, stated: int, left: int) -> int:
+def _checked_count(path: Path, fields: JsonFields, stated: int, left: int) -> int:
     """Number of records of a part of a stated size, of ``left`` bytes that remain."""
     texels = fields.count("texwidth", 1) * fields.count("texheight", 1)
     if stated != texels * TEXEL_BYTES or stated % RECORD.itemsize:

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.contributions import MEASURES, Contributions
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import (
@@ -27,13 +28,14 @@ from gsfw.core.motion.evaluation import in_world
 from gsfw.core.motion.fit import FittedMotion, fit_motion
 from gsfw.core.splats import Sh, Splats
 from gsfw.core.temporal_metrics.tracks import follow
+from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.contributions import training_contributions
 from gsfw.plugins.depth_views import depth_views
 from gsfw.plugins.preview import preview
 from gsfw.plugins.rebuild import stored_model
+from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
-from gsfw.plugins.snapshot import Snapshot, snapshot
+from gsfw.plugins.snapshot import snapshot
 
 
 def is_dynamic(composition: Composition) -> bool:
@@ -63,15 +65,11 @@ class RunSource(ExportSource):
         """The same run at another time."""
         return replace(self, time=time)
 
-    def snapshot(self) -> Snapshot:
-        """The splats at one time, and the number of dropped ones."""
+    def splat_file(self) -> SplatFile:
+        """The splats at one time, in the world of the data."""
         parts, settings = self.restored.composition.parts, self.restored.composition.plan.settings
         instant = torch.tensor(self.time, device=parts.device)
         return snapshot(parts.model, parts.data.scene, settings.antialias, instant, self.edit)
-
-    def splat_file(self) -> SplatFile:
-        """The splats at one time, in the world of the data."""
-        return self.snapshot().content
 
     @cached_property
     def fits(self) -> dict[bool, FittedMotion]:
@@ -139,7 +137,15 @@ class RunSource(ExportSource):
 
     @cached_property
     def _contributions(self) -> Float[Tensor, " n"] | None:
-        return training_contributions(self.restored.composition)
+        composition = self.restored.composition
+        parts, settings = composition.parts, composition.plan.settings
+        able = rasterizer_capabilities(installed())[composition.settings.choices["rasterizer"].name]
+        if able.lacking(MEASURES, parts.device.type):
+            return None
+        model = parts.model
+        cameras = [camera.to(parts.device) for camera in parts.data.views(Split.TRAIN).cameras]
+        found = Contributions.of(model.splats, model.num_rows, cameras, parts.rasterizer, settings)
+        return found.total
 
     @torch.no_grad()
     def track_file(self) -> TrackFile:

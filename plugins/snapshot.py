@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -16,15 +16,6 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """The splats of an export, and the number of dropped rows."""
-
-    content: SplatFile
-    num_dropped: int
-    """Number of rows that were not finite."""
-
-
 @torch.no_grad()
 def snapshot(
     model: PrimitiveModel,
@@ -32,10 +23,11 @@ def snapshot(
     antialiased: bool,
     time: Float[Tensor, ""] | None = None,
     edit: Callable[[Splats], Splats] | None = None,
-) -> Snapshot:
+) -> SplatFile:
     """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU.
 
-    Splats with covariances get quaternions and scales.
+    Splats with covariances get quaternions and scales. Rows that are not finite are left out, and
+    counted.
 
     Args:
         model: source of the splats.
@@ -51,8 +43,12 @@ def snapshot(
         [tensor.flatten(1).isfinite().all(1) for tensor in _by_row(world)], dim=1
     ).all(1)
     kept = finite.nonzero()[:, 0]
-    content = SplatFile(with_axes(world.take(kept)), antialiased=antialiased, up=scene.up)
-    return Snapshot(content, len(finite) - len(kept))
+    return SplatFile(
+        with_axes(world.take(kept)),
+        antialiased=antialiased,
+        up=scene.up,
+        num_dropped=len(finite) - len(kept),
+    )
 
 
 def _by_row(splats: Splats) -> list[Tensor]:

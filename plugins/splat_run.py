@@ -1,13 +1,15 @@
 """Splat run: splats of any tool as a run of 3DGS that is finished, seen by cameras around them.
 
-The model is the one that ``init=FILE`` makes, so that all that takes a run takes the file.
+The model is the one that ``init=FILE`` makes, so that all that takes a run takes the splats.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from jaxtyping import Float, Float64
@@ -21,9 +23,8 @@ from gsfw.core.exchange import SplatFile
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.similarity import Similarity
-from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.scene import Scene
-from gsfw.core.splats import Sh
+from gsfw.core.splats import Sh, Splats
 from gsfw.plugins.compose import compose
 from gsfw.plugins.initial_splats import find_importer, in_scene
 from gsfw.plugins.registry import Registry
@@ -60,27 +61,66 @@ def open_splats(path: Path, registry: Registry, changed: Layer | None = None) ->
     Raises:
         DataError: it is no splat file that can be read; names the cause.
     """
-    content = find_importer(path, registry).read(path)
-    colors = content.splats.colors
-    assert isinstance(colors, Sh), "a splat file has SH colours"
-    values = {
-        "method": METHOD,
-        "init": str(path),
-        "sh_degree": max(colors.degree, degree_of(colors.width)),
-        "antialias": content.antialiased,
-        "background": "black",
-    }
-    layers = [Layer(f"splat file {path}", values), *([changed] if changed else [])]
-    scene, cameras = surroundings(path.stem, content)
-    views = {
-        Split.TRAIN: Views(tuple(f"around_{n:02d}" for n in range(len(cameras))), cameras),
-        Split.EVAL: Views(("before",), cameras[:1]),
-    }
-    capture = _SplatCapture(scene, views, str(path), content.notes())
-    initial = in_scene(content, scene)
-    del content  # Most of the memory, in double precision.
-    composition = compose(resolve(registry, layers), registry, data=capture, initial=initial)
-    return Restored(RunFolder(path.parent), composition, {"step": 0})
+    start = _Start.of(find_importer(path, registry).read(path), path)
+    return start.run(registry, {"init": str(path)}, changed)
+
+
+def run_of_splats(
+    content: SplatFile, path: Path, registry: Registry, changed: Layer | None = None
+) -> Restored:
+    """A run whose model has splats that are in no file yet.
+
+    Args:
+        content: the splats.
+        path: the file that they are meant for, which names the scene.
+        registry: the installed parts.
+        changed: settings that replace those of the run, such as the device.
+
+    Raises:
+        DataError: there are none, or some are not finite.
+    """
+    return _Start.of(content, path).run(registry, {}, changed)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """The splats that a run begins with, and the cameras around them.
+
+    It keeps no content of a file: that is most of the memory, in double precision.
+    """
+
+    path: Path
+    capture: _SplatCapture
+    splats: Splats
+    """In the scene frame, float32."""
+    antialiased: bool
+
+    @staticmethod
+    def of(content: SplatFile, path: Path) -> _Start:
+        """Choose the scene frame, move the splats there, and put cameras around them."""
+        scene, cameras = surroundings(path.stem, content)
+        views = {
+            Split.TRAIN: Views(tuple(f"around_{n:02d}" for n in range(len(cameras))), cameras),
+            Split.EVAL: Views(("before",), cameras[:1]),
+        }
+        capture = _SplatCapture(scene, views, str(path), content.notes())
+        return _Start(path, capture, in_scene(content, scene), content.antialiased)
+
+    def run(self, registry: Registry, values: Mapping[str, Any], changed: Layer | None) -> Restored:
+        """The run, with some settings of its own and those that replace them."""
+        colors = self.splats.colors
+        assert isinstance(colors, Sh), "a splat file has SH colours"
+        values = {
+            "method": METHOD,
+            "sh_degree": colors.degree,
+            "antialias": self.antialiased,
+            "background": "black",
+            **values,
+        }
+        layers = [Layer(f"splat file {self.path}", values), *([changed] if changed else [])]
+        settings = resolve(registry, layers)
+        composition = compose(settings, registry, data=self.capture, initial=self.splats)
+        return Restored(RunFolder(self.path.parent), composition, {"step": 0})
 
 
 def surroundings(name: str, content: SplatFile) -> tuple[Scene, tuple[Cameras, ...]]:

@@ -241,7 +241,7 @@ def _export_renders_the_same(subject: Subject) -> None:
         raise NotApplicable("its colours are made after rendering, which no splat file holds")
     taken = snapshot(parts.model, parts.data.scene, False, torch.tensor(0.0))
     path = subject.workspace / "splats.ply"
-    PlyExporter().write(path, taken.content)
+    PlyExporter().write(path, taken)
     frame = parts.data.scene.world_from_scene.inverse()
     after = transform_splats(PlyImporter().read(path).splats, frame)
     shade = (_image(before) - _image(after)).abs().max().item()

@@ -31,7 +31,7 @@ def export_splats(model: ViewedModel, state: ViewState, path: Path) -> int:
         moment,
         lambda splats: edited(splats, state),
     )
-    content, _ = without_invisible(taken.content)
+    content, _ = without_invisible(taken)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
     exporter.write(path, content)
     return len(content.splats)

@@ -16,7 +16,8 @@ from gsfw.commands.edit.output import Output
 from gsfw.commands.edit.verb import EditOptions
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.runs import RunArgument, find_run, restore_run
-from gsfw.core.capabilities import Feature, Needs, check_fit
+from gsfw.core.capabilities import check_fit
+from gsfw.core.contributions import MEASURES
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.exchange import ExportSource, Holds, SplatFile, StoredModel
@@ -31,7 +32,7 @@ from gsfw.editing.editable_model import EditableModel
 from gsfw.editing.operations.catalogue import OPERATIONS
 from gsfw.editing.operations.edit import Surroundings
 from gsfw.editing.script import Step, StepResult, apply, write_steps
-from gsfw.formats.ply import PlyExporter
+from gsfw.formats.stored_rows import held_by_float32
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import Registry
@@ -39,7 +40,7 @@ from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.shorter_bands import without_bands
 from gsfw.plugins.splat_instant import read_at
-from gsfw.plugins.splat_run import open_splats
+from gsfw.plugins.splat_run import run_of_splats
 
 INSTANTS = 33
 """Most times of the data at which the rows of a moving model are tested, spread evenly."""
@@ -108,8 +109,7 @@ class Session:
         composition = restored.composition
         parts, settings = composition.parts, composition.plan.settings
         name = composition.settings.choices["rasterizer"].name
-        feature = Needs(features=frozenset({Feature.CONTRIBUTION}))
-        needs = {step.name: feature for step in self.steps if OPERATIONS[step.name].renders}
+        needs = {step.name: MEASURES for step in self.steps if OPERATIONS[step.name].renders}
         check_fit(name, needs, rasterizer_capabilities(self.registry), parts.device.type)
         return Capture(
             cameras=parts.data.views(Split.TRAIN).cameras,
@@ -151,14 +151,12 @@ class Session:
     def _open_splats(self) -> EditableSplats:
         if self.found.splat_file is None:
             self._warn_of_rest()
-            taken = RunSource(self._restored, self.options.time).snapshot()
-            content, dropped = taken.content, taken.num_dropped
+            content = RunSource(self._restored, self.options.time).splat_file()
         else:
             with stage(f"reading {self.found.splat_file.name}"):
                 content = read_at(self.found.splat_file, self.options.time, self.registry)
-            dropped = content.num_dropped
-        if dropped:
-            self.console.warn(f"{dropped:,} splats were left out: they are not finite.")
+        if content.num_dropped:
+            self.console.warn(f"{content.num_dropped:,} splats were left out: they are not finite.")
         return EditableSplats(content, lambda: self._capture, Similarity())
 
     def _warn_of_rest(self) -> None:
@@ -190,16 +188,18 @@ class Session:
 
     def _content(self, piece: Editable) -> ExportSource:
         """The content of a file with what is edited."""
-        if not isinstance(piece, EditableSplats):
+        content = piece.as_file()
+        if content is None:
             return self._model(piece)
-        return self._as_model(piece.content) if self._output.is_model else piece.content
+        return self._as_model(content) if self._output.is_model else content
 
     def _as_model(self, content: SplatFile) -> RunSource:
         """The model of 3DGS that splats fit into, with cameras around them."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / self._output.path.with_suffix(".ply").name
-            PlyExporter().write(path, content)
-            return RunSource(open_splats(path, self.registry, self.options.changed()))
+        beyond = int((~held_by_float32(content.splats)).sum())
+        if beyond:
+            raise ValueError(f"{beyond:,} splats have values that are no numbers of float32")
+        changed = self.options.changed()
+        return RunSource(run_of_splats(content, self._output.path, self.registry, changed))
 
     def _model(self, piece: Editable) -> _EditedModel:
         source = RunSource(self._restored)

@@ -118,7 +118,7 @@ def write_splats(trainer: Trainer, console: Console) -> int:
     """
     parts = trainer.parts
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
-    content, invisible = without_invisible(taken.content)
+    content, invisible = without_invisible(taken)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
     try:
         with stage(f"writing {trainer.folder.splats.name}"):

@@ -8,7 +8,7 @@ from pathlib import Path
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.splats import Sh, Splats
 from gsfw.editing import colors
-from gsfw.editing.editable import Editable, EditableSplats
+from gsfw.editing.editable import Editable
 from gsfw.editing.merging import joined
 from gsfw.editing.operations.edit import Edit, Edited, Surroundings
 
@@ -19,7 +19,7 @@ def merge(text: str) -> Edit:
         raise ValueError("expected a file of splats")
 
     def edit(piece: Editable, around: Surroundings) -> Edited:
-        if not isinstance(piece, EditableSplats):
+        if piece.in_place:
             raise ConfigError(
                 f"merge={text}: the rows of a model can only be left out, not added.",
                 "Write a splat format instead: out=FILE.ply",

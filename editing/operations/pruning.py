@@ -5,8 +5,9 @@ from __future__ import annotations
 from jaxtyping import Bool
 from torch import Tensor
 
+from gsfw.core.contributions import most_useful_part
 from gsfw.editing import cleaning, floaters
-from gsfw.editing.capture import most_useful, row_mask
+from gsfw.editing.capture import row_mask
 from gsfw.editing.editable import Editable, Test
 from gsfw.editing.operations.edit import Edit, Edited, Surroundings, keeping, real_capture
 from gsfw.editing.operations.values import number, whole
@@ -25,8 +26,8 @@ def prune_contribution(text: str) -> Edit:
     part = number(text, "a part of the Gaussians, from 0 to below 1", 0.0, 0.999999)
 
     def rows(piece: Editable) -> Bool[Tensor, " n"]:
-        count = max(1, round((1 - part) * len(piece)))
-        return row_mask(most_useful(piece.shares().total, count), len(piece))
+        kept = most_useful_part(piece.contributions().total, 1 - part)
+        return row_mask(kept, len(piece))
 
     return keeping(rows)
 
@@ -37,7 +38,7 @@ def prune_views(text: str) -> Edit:
 
     def rows(piece: Editable) -> Bool[Tensor, " n"]:
         real_capture(piece, f"prune.views={text}")
-        return piece.shares().views >= least
+        return piece.contributions().views >= least
 
     return keeping(rows)
 

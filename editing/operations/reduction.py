@@ -5,9 +5,8 @@ from __future__ import annotations
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 from gsfw.core.words import size
-from gsfw.editing.decimation import Decimated, decimate, decimate_model, evenly
-from gsfw.editing.editable import Editable, EditableSplats
-from gsfw.editing.editable_model import EditableModel
+from gsfw.editing.decimation import decimate
+from gsfw.editing.editable import Editable
 from gsfw.editing.operations.edit import Edit, Edited, Surroundings
 from gsfw.editing.operations.values import number, whole
 
@@ -33,13 +32,9 @@ def decimate_count(text: str) -> Edit:
 def _decimated(piece: Editable, count: int) -> Edited:
     if count >= len(piece):
         return Edited(piece, "there are no more")
-    if isinstance(piece, EditableSplats):
-        found: Decimated | None = decimate(piece, count)
-    else:
-        assert isinstance(piece, EditableModel)
-        found = decimate_model(piece, count)
-    if found is None:
-        return Edited(piece, "by contribution, colours as they were")
+    found = decimate(piece, count)
+    if found.psnr is None:
+        return Edited(found.piece, "by contribution, colours as they were")
     return Edited(
         found.piece,
         f"{found.psnr:.1f} dB against what it was, {found.before_refit:.1f} before colours were "
@@ -47,8 +42,6 @@ def _decimated(piece: Editable, count: int) -> Edited:
     )
 
 
-SAMPLE = 20_000
-"""Splats in a file whose size gives the bytes of each."""
 TRIES = 4
 """Decimations until a file is small enough: what compresses well differs between splats."""
 
@@ -61,7 +54,7 @@ def decimate_mb(text: str) -> Edit:
         edited, found, room = Edited(piece), 0, _room(piece, around, budget)
         for attempt in range(TRIES):
             edited = _decimated(piece, min(len(piece), room))
-            if attempt and not isinstance(piece, EditableSplats):  # It is changed in place.
+            if attempt and piece.in_place:
                 edited = Edited(edited.piece, "in several rounds")
             found = around.num_bytes(edited.piece)
             if found <= budget:
@@ -77,14 +70,6 @@ def decimate_mb(text: str) -> Edit:
 
 
 def _room(piece: Editable, around: Surroundings, budget: float) -> int:
-    """Number of Gaussians whose file has the size, by the sizes of two files; at least 1."""
-    if not isinstance(piece, EditableSplats):
-        assert isinstance(piece, EditableModel)
-        total = around.num_bytes(piece)
-        each = min(piece.row_bytes(), total / len(piece))  # Bands of zeros are not written.
-        return max(1, int((budget - max(total - each * len(piece), 0)) / each))
-    count = min(len(piece), SAMPLE)
-    sizes = [around.num_bytes(evenly(piece, part)) for part in (max(1, count // 2), count)]
-    each = (sizes[1] - sizes[0]) / max(count - count // 2, 1)
-    fixed = sizes[1] - count * each
+    """Number of Gaussians whose file has the size, by the bytes of each; at least 1."""
+    fixed, each = piece.file_bytes(around.num_bytes)
     return max(1, int((budget - fixed) / each)) if each > 0 else len(piece)

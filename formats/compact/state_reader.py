@@ -21,7 +21,7 @@ from gsfw.formats.compact.integer_code import decode_integers
 from gsfw.formats.compact.row_order import RowOrder
 from gsfw.formats.compact.state_writer import STEPPED, least_bytes
 from gsfw.formats.compact.steps import Form, Unit
-from gsfw.formats.header_fields import BROKEN, HeaderFields
+from gsfw.formats.json_fields import BROKEN, JsonFields
 
 MOST_AXES = 8
 
@@ -30,13 +30,13 @@ MOST_AXES = 8
 class Entry:
     """The description of one tensor in the header."""
 
-    fields: HeaderFields
+    fields: JsonFields
     form: str
     kind: np.dtype
     shape: tuple[int, ...]
 
     @staticmethod
-    def of(fields: HeaderFields) -> Entry:
+    def of(fields: JsonFields) -> Entry:
         """Check an entry of the header.
 
         Raises:
@@ -71,7 +71,7 @@ class StateReader:
 
     model: StoredModel
     """Its columns and its number of rows."""
-    fields: HeaderFields
+    fields: JsonFields
     """The description of the state in the header."""
     rows: bytes
     tensors: Mapping[str, np.ndarray]

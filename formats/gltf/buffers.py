@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.formats.gltf.json_object import JsonObject
+from gsfw.formats.json_fields import JsonFields
 
 DATA = "data:"
 ENCODED = ";base64,"
@@ -17,7 +17,7 @@ ENCODED = ";base64,"
 class Buffers:
     """The buffers of a document; each is read when it is asked for, each file once."""
 
-    def __init__(self, stated: list[JsonObject], binary: bytes) -> None:
+    def __init__(self, stated: list[JsonFields], binary: bytes) -> None:
         """Take the list of a document, and the binary chunk of a .glb, which is the first one."""
         self.stated = stated
         self._binary = binary
@@ -50,7 +50,7 @@ class Buffers:
             self._read[index] = self._linked(buffer) if "uri" in buffer else memoryview(own)
         return self._read[index]
 
-    def _linked(self, buffer: JsonObject) -> memoryview:
+    def _linked(self, buffer: JsonFields) -> memoryview:
         """A buffer in the JSON itself, or in a file of the same folder."""
         uri, length, path = buffer.text("uri"), buffer.count("byteLength"), buffer.path
         if uri.startswith(DATA):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,6 @@ from jaxtyping import Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.formats.gltf.buffers import Buffers
-from gsfw.formats.gltf.json_object import MOST_JSON, JsonObject, parsed
 from gsfw.formats.gltf.layout import (
     BINARY_CHUNK,
     CHUNK,
@@ -23,6 +23,10 @@ from gsfw.formats.gltf.layout import (
     MAGIC,
     WIDTHS,
 )
+from gsfw.formats.json_fields import JsonFields
+
+MOST_JSON = 1 << 24
+"""Bytes of a document: files of splats have a few thousand, large worlds of meshes some million."""
 
 READ = {EXTENSION, "KHR_mesh_quantization"}
 """Extensions that are read, where a file requires some."""
@@ -32,19 +36,20 @@ READ = {EXTENSION, "KHR_mesh_quantization"}
 class Document:
     """The content of a file; buffers are read when they are asked for."""
 
-    json: JsonObject
+    root: JsonFields
+    """The JSON."""
     binary: bytes
     """The binary chunk of a .glb."""
 
     @cached_property
-    def _lists(self) -> dict[str, list[JsonObject]]:
+    def _lists(self) -> dict[str, list[JsonFields]]:
         names = ("accessors", "bufferViews")
-        return {name: self.json.items(name) for name in names}
+        return {name: self.root.objects(name, default=[]) for name in names}
 
     @cached_property
     def buffers(self) -> Buffers:
         """The bytes of the file and of those beside it."""
-        return Buffers(self.json.items("buffers"), self.binary)
+        return Buffers(self.root.objects("buffers", default=[]), self.binary)
 
     def values(self, index: int, kind: str, where: str) -> Float64[np.ndarray, "n width"]:
         """The numbers of an accessor, normalised ones as fractions.
@@ -59,7 +64,7 @@ class Document:
                 buffer.
         """
         accessors = self._lists["accessors"]
-        path = self.json.path
+        path = self.root.path
         if index >= len(accessors):
             raise DataError(f"{path}: {where} is accessor {index}, which there is not.", COPY_AGAIN)
         accessor = accessors[index]
@@ -83,20 +88,20 @@ class Document:
         return values
 
     def _stored(
-        self, accessor: JsonObject, component: np.dtype[Any], width: int, where: str
+        self, accessor: JsonFields, component: np.dtype[Any], width: int, where: str
     ) -> np.ndarray:
         """The numbers as they are in the buffer."""
         view = accessor.pick("bufferView", self._lists["bufferViews"])
         view.pick("buffer", self.buffers.stated)
         data = self.buffers.content(view.count("buffer"))
-        first, length = view.count("byteOffset", 0), view.count("byteLength")
-        offset, count = accessor.count("byteOffset", 0), accessor.count("count")
+        first, length = view.count("byteOffset", default=0), view.count("byteLength")
+        offset, count = accessor.count("byteOffset", default=0), accessor.count("count")
         item = width * component.itemsize
-        stride = view.count("byteStride", 0) or item
+        stride = view.count("byteStride", default=0) or item
         end = offset + stride * (count - 1) + item
         if not count or end > length or first + length > len(data) or stride < item:
             raise DataError(
-                f"{self.json.path}: {where} has {count} values of {item} bytes, which do not lie "
+                f"{self.root.path}: {where} has {count} values of {item} bytes, which do not lie "
                 f"in its buffer of {len(data)} bytes.",
                 COPY_AGAIN,
             )
@@ -123,15 +128,15 @@ def read_document(path: Path) -> Document:
         raise DataError(f"{path} cannot be read: {error.strerror}.") from None
     if not start.startswith(MAGIC) and text.lstrip()[:1] != b"{":
         raise DataError(f"{path} is no glTF file: it begins neither with 'glTF' nor with '{{'.")
-    json = parsed(path, text)
-    required = json.values.get("extensionsRequired", [])
+    root = _parsed(path, text)
+    required = root.values.get("extensionsRequired", [])
     unread = [name for name in required if name not in READ] if isinstance(required, list) else []
     if unread:
         raise DataError(
             f"{path} requires {unread[0]}, an extension of glTF that is not read here.",
             "Export it without compression from the tool that made it.",
         )
-    return Document(json, binary)
+    return Document(root, binary)
 
 
 def _chunks(path: Path, start: bytes, file: BinaryIO, size: int) -> tuple[bytes, bytes]:
@@ -155,3 +160,24 @@ def _chunks(path: Path, start: bytes, file: BinaryIO, size: int) -> tuple[bytes,
         return text, b""
     count, kind = CHUNK.unpack(header)
     return text, file.read(min(count, size)) if kind == BINARY_CHUNK else b""
+
+
+def _parsed(path: Path, text: bytes) -> JsonFields:
+    """The object that a JSON text is.
+
+    Raises:
+        DataError: it is none, or too large, or nested too deeply.
+    """
+    if len(text) > MOST_JSON:
+        raise DataError(
+            f"{path}: its JSON has {len(text)} bytes, and {MOST_JSON} are read.",
+            "Export the splats alone from the tool that made it.",
+        )
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise DataError(f"{path} has damaged JSON: {reason}.", COPY_AGAIN) from None
+    if not isinstance(values, dict):
+        raise DataError(f"{path} has damaged JSON: it is no object.", COPY_AGAIN)
+    return JsonFields(path, "", values, COPY_AGAIN, "JSON")

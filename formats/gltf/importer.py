@@ -14,7 +14,6 @@ from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.activation import log_scales_of, logits_of
 from gsfw.formats.gltf.document import Document, read_document
-from gsfw.formats.gltf.json_object import JsonObject
 from gsfw.formats.gltf.layout import (
     COLOR_SPACE,
     EXTENSION,
@@ -26,6 +25,7 @@ from gsfw.formats.gltf.layout import (
     coefficient,
 )
 from gsfw.formats.gltf.nodes import Matrix, place, placed_meshes
+from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, activated, held_by_float32
 
 ALWAYS = 1_000_000
@@ -57,10 +57,11 @@ class GltfImporter(Importer):
         used = _placed_primitives(document)
         _check_size(document, used)
         read = [_splats(document, primitive, matrix) for primitive, matrix in used]
-        stated = document.json.fields("asset").values.get("extras")
+        asset = document.root.fields("asset", default={}).values
+        stated = asset.get("extras")
         ours = stated.get("gsfw") if isinstance(stated, dict) else None
         ours = ours if isinstance(ours, dict) else {}
-        generator = document.json.fields("asset").values.get("generator")
+        generator = asset.get("generator")
         return SplatFile(
             _joined([splats for splats, _ in read]),
             antialiased=ours.get("antialiased") is True,
@@ -74,45 +75,45 @@ class GltfImporter(Importer):
         )
 
 
-def _placed_primitives(document: Document) -> list[tuple[JsonObject, Matrix]]:
+def _placed_primitives(document: Document) -> list[tuple[JsonFields, Matrix]]:
     """The primitives of the scene that are splats."""
-    json = document.json
-    by_mesh = [mesh.items("primitives") for mesh in json.items("meshes")]
+    root = document.root
+    meshes = root.objects("meshes", default=[])
+    by_mesh = [mesh.objects("primitives", default=[]) for mesh in meshes]
     found = [
         (primitive, matrix)
-        for mesh, matrix in placed_meshes(json)
+        for mesh, matrix in placed_meshes(root)
         for primitive in by_mesh[mesh]
-        if EXTENSION in primitive.fields("extensions")
+        if EXTENSION in primitive.fields("extensions", default={})
     ]
     if not found:
-        meshes = sum(len(primitives) for primitives in by_mesh)
         raise DataError(
-            f"{json.path} holds no splats: none of its {meshes} meshes in the scene has the "
-            f"extension {EXTENSION}.",
+            f"{root.path} holds no splats: none of its {sum(map(len, by_mesh))} meshes in the "
+            f"scene has the extension {EXTENSION}.",
             "Export it as splats from the tool that made it.",
         )
     return found
 
 
-def _check_size(document: Document, used: list[tuple[JsonObject, Matrix]]) -> None:
+def _check_size(document: Document, used: list[tuple[JsonFields, Matrix]]) -> None:
     """Refuse a file of few splats that are used so often that memory would not hold them."""
-    accessors = document.json.items("accessors")
+    accessors = document.root.objects("accessors", default=[])
     total = sum(
         primitive.fields("attributes").pick("POSITION", accessors).count("count")
         for primitive, _ in used
     )
     if total > ALWAYS and total > document.buffers.size():
         raise DataError(
-            f"{document.json.path} announces {total} splats, which its size does not justify.",
+            f"{document.root.path} announces {total} splats, which its size does not justify.",
             COPY_AGAIN,
         )
 
 
-def _splats(document: Document, primitive: JsonObject, matrix: Matrix) -> tuple[Splats, int]:
+def _splats(document: Document, primitive: JsonFields, matrix: Matrix) -> tuple[Splats, int]:
     """The splats of a primitive in our frame, and the number of those that are not finite."""
-    path = document.json.path
+    path = document.root.path
     splatting = primitive.fields("extensions").fields(EXTENSION)
-    space = splatting.text("colorSpace", COLOR_SPACE)
+    space = splatting.text("colorSpace", default=COLOR_SPACE)
     if space != COLOR_SPACE:
         raise DataError(
             f"{path}: {primitive.where} has colours of {space[:40]!r}, and those of a screen "
@@ -138,7 +139,7 @@ def _splats(document: Document, primitive: JsonObject, matrix: Matrix) -> tuple[
     return kept, len(rows) - len(kept)
 
 
-def _stored_rows(document: Document, primitive: JsonObject) -> StoredRows:
+def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:
     """The values of a primitive, in the frame of the file."""
     attributes = primitive.fields("attributes")
     degree = _degree(attributes)
@@ -148,7 +149,7 @@ def _stored_rows(document: Document, primitive: JsonObject) -> StoredRows:
         array = document.values(attributes.count(name), kind, where)
         if len(array) != count:
             raise DataError(
-                f"{document.json.path}: {where} has {len(array)} values, and there are {count} "
+                f"{document.root.path}: {where} has {len(array)} values, and there are {count} "
                 "positions.",
                 COPY_AGAIN,
             )
@@ -170,7 +171,7 @@ def _stored_rows(document: Document, primitive: JsonObject) -> StoredRows:
     )
 
 
-def _degree(attributes: JsonObject) -> int:
+def _degree(attributes: JsonFields) -> int:
     """The SH degree of a primitive: each band is whole, or missing with those above it."""
     present = sum(
         coefficient(index) in attributes for index in range(num_coefficients(MOST_DEGREE))

@@ -13,7 +13,7 @@ from gsfw.core.maths.frame import transform_splats, with_axes
 from gsfw.core.maths.rotations import rotation_matrices, unit_matrices
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Splats
-from gsfw.formats.gltf.json_object import JsonObject
+from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.stored_rows import MAX_COORDINATE
 
 Matrix = Float64[np.ndarray, "4 4"]
@@ -23,7 +23,7 @@ UNIFORM = 1e-6
 """Relative difference of axes that float32 transforms have by rounding."""
 
 
-def placed_meshes(json: JsonObject) -> list[tuple[int, Matrix]]:
+def placed_meshes(root: JsonFields) -> list[tuple[int, Matrix]]:
     """The number of each mesh of the scene, with its global transform; once for each use.
 
     A file without nodes shows all of its meshes where they are.
@@ -31,15 +31,15 @@ def placed_meshes(json: JsonObject) -> list[tuple[int, Matrix]]:
     Raises:
         DataError: nodes are damaged, or one is below two others or below itself.
     """
-    nodes, meshes = json.items("nodes"), json.items("meshes")
+    nodes, meshes = root.objects("nodes", default=[]), root.objects("meshes", default=[])
     if len(nodes) > MOST_NODES:
         raise DataError(
-            f"{json.path} has {len(nodes)} nodes, and {MOST_NODES} are read.",
+            f"{root.path} has {len(nodes)} nodes, and {MOST_NODES} are read.",
             "Export the splats alone from the tool that made it.",
         )
     if not nodes:
         return [(index, np.eye(4)) for index in range(len(meshes))]
-    waiting = [(index, np.eye(4)) for index in _roots(json, nodes)]
+    waiting = [(index, np.eye(4)) for index in _roots(root, nodes)]
     seen: set[int] = set()
     found = []
     while waiting:
@@ -47,7 +47,7 @@ def placed_meshes(json: JsonObject) -> list[tuple[int, Matrix]]:
         node = nodes[index]
         if index in seen:
             raise DataError(
-                f"{json.path}: {node.where} is below two nodes, or below itself.", COPY_AGAIN
+                f"{root.path}: {node.where} is below two nodes, or below itself.", COPY_AGAIN
             )
         seen.add(index)
         # A damaged file may hold numbers whose product overflows: refused where it is applied.
@@ -56,31 +56,32 @@ def placed_meshes(json: JsonObject) -> list[tuple[int, Matrix]]:
         if "mesh" in node:
             node.pick("mesh", meshes)
             found.append((node.count("mesh"), matrix))
-        waiting += [(child, matrix) for child in reversed(node.indices("children", len(nodes)))]
+        below = node.indices("children", len(nodes), default=[])
+        waiting += [(child, matrix) for child in reversed(below)]
     return found
 
 
-def _roots(json: JsonObject, nodes: list[JsonObject]) -> list[int]:
+def _roots(root: JsonFields, nodes: list[JsonFields]) -> list[int]:
     """The nodes of the scene, last one first; those below no other if no scene is stated."""
-    scenes = json.items("scenes")
+    scenes = root.objects("scenes", default=[])
     if scenes:
-        scene = json.pick("scene", scenes) if "scene" in json else scenes[0]
-        return scene.indices("nodes", len(nodes))[::-1]
-    below = {child for node in nodes for child in node.indices("children", len(nodes))}
+        scene = root.pick("scene", scenes) if "scene" in root else scenes[0]
+        return scene.indices("nodes", len(nodes), default=[])[::-1]
+    below = {child for node in nodes for child in node.indices("children", len(nodes), default=[])}
     return [index for index in reversed(range(len(nodes))) if index not in below]
 
 
-def _local(node: JsonObject) -> Matrix:
+def _local(node: JsonFields) -> Matrix:
     """The transform of a node relative to the one above it."""
     if "matrix" in node:
-        return np.array(node.numbers("matrix", np.eye(4).ravel().tolist())).reshape(4, 4).T
+        return node.numbers("matrix", 16).reshape(4, 4).T
     matrix = np.eye(4)
     if "rotation" in node:
-        x, y, z, w = node.numbers("rotation", [0.0, 0.0, 0.0, 1.0])
+        x, y, z, w = node.numbers("rotation", 4)
         turn = rotation_matrices(torch.tensor([[w, x, y, z]], dtype=torch.float64))
         matrix[:3, :3] = turn[0].numpy()
-    matrix[:3, :3] *= node.numbers("scale", [1.0, 1.0, 1.0])
-    matrix[:3, 3] = node.numbers("translation", [0.0, 0.0, 0.0])
+    matrix[:3, :3] *= node.numbers("scale", 3, default=[1.0, 1.0, 1.0])
+    matrix[:3, 3] = node.numbers("translation", 3, default=[0.0, 0.0, 0.0])
     return matrix
 
 

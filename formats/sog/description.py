@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.formats.header_fields import HeaderFields
+from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.sog.container import CHOOSE, META, Container
 
 KEYS = ("means", "scales", "quats", "sh0")
@@ -111,14 +111,14 @@ def read_description(container: Container) -> Description:
             CHOOSE,
         )
     try:
-        return _description(HeaderFields(path, "", document, COPY_AGAIN))
+        return _description(JsonFields(path, "", document, COPY_AGAIN))
     except RecursionError as error:
         raise DataError(f"{path}: its {META} is nested too deeply.", COPY_AGAIN) from error
 
 
-def _description(fields: HeaderFields) -> Description:
+def _description(fields: JsonFields) -> Description:
     values = fields.values
-    number = fields.count("version") if "version" in values else 1
+    number = fields.count("version", default=1)
     if number > VERSION:
         raise DataError(
             f"{fields.path} is a SOG of version {number}; gsfw reads 1 and {VERSION}.",
@@ -154,7 +154,7 @@ def _description(fields: HeaderFields) -> Description:
     )
 
 
-def _palette(fields: HeaderFields, legacy: bool) -> ShPalette | None:
+def _palette(fields: JsonFields, legacy: bool) -> ShPalette | None:
     """The palette; ``None`` for one of SH degree 0."""
     centroids, labels = _files(fields, 2)
     if legacy:
@@ -169,7 +169,7 @@ def _palette(fields: HeaderFields, legacy: bool) -> ShPalette | None:
     return ShPalette(_codebook(fields), centroids, labels, count, degree) if degree else None
 
 
-def _files(fields: HeaderFields, count: int) -> list[str]:
+def _files(fields: JsonFields, count: int) -> list[str]:
     """Names of images."""
     names = fields.texts("files")
     if len(names) < count or not all(PLAIN_NAME.fullmatch(name) for name in names):
@@ -181,7 +181,7 @@ def _files(fields: HeaderFields, count: int) -> list[str]:
     return names[:count]
 
 
-def _legacy_count(means: HeaderFields) -> int:
+def _legacy_count(means: JsonFields) -> int:
     """Number of splats in version 1: the first side of the means."""
     shape = means.numbers("shape", -1)
     if not len(shape) or not 1 <= shape[0] == int(shape[0]):
@@ -191,7 +191,7 @@ def _legacy_count(means: HeaderFields) -> int:
     return int(shape[0])
 
 
-def _logarithms(means: HeaderFields, name: str) -> Float64[np.ndarray, " 3"]:
+def _logarithms(means: JsonFields, name: str) -> Float64[np.ndarray, " 3"]:
     values = means.numbers(name, 3)
     if np.abs(values).max() > MAX_LOGARITHM:
         raise DataError(
@@ -200,13 +200,13 @@ def _logarithms(means: HeaderFields, name: str) -> Float64[np.ndarray, " 3"]:
     return values
 
 
-def _codebook(fields: HeaderFields) -> Float32[np.ndarray, "256 1"]:
+def _codebook(fields: JsonFields) -> Float32[np.ndarray, "256 1"]:
     """The codebook of version 2, the same for all channels."""
     with np.errstate(over="ignore"):  # Rows with infinite values are dropped, and counted.
         return fields.numbers("codebook", 256).astype(np.float32)[:, None]
 
 
-def _even_steps(fields: HeaderFields, channels: int) -> Float32[np.ndarray, "256 channels"]:
+def _even_steps(fields: JsonFields, channels: int) -> Float32[np.ndarray, "256 channels"]:
     """The values of version 1: one pair of ends, or one for each channel."""
     shape = (channels,) if isinstance(fields.values.get("mins"), list) else ()
     low, high = fields.numbers("mins", *shape), fields.numbers("maxs", *shape)

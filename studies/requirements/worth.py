@@ -16,13 +16,13 @@ from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.capabilities import Feature
+from gsfw.core.contributions import Contributions, most_useful_part
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.requirements import LeastUseful, Motion
 from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.metrics import psnr
 from gsfw.core.splats import Sh, Splats
-from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
-from gsfw.studies.tradeoff.edits import ShTruncation
+from gsfw.studies.tradeoff.edits import Kept, ShTruncation
 from gsfw.studies.tradeoff.finished_model import evenly
 from gsfw.studies.tradeoff.subject import Edit, Subject
 
@@ -68,11 +68,11 @@ class Worth:
         names = data.views(split).names
         chosen = evenly(len(names), MOST_VIEWS)
         held = subject.splats(torch.tensor(STILL_TIME, device=device))
-        degree, scores = _drawn_degree(held), _scores(subject, data)
+        degree, scores = _drawn_degree(held), _scores(subject, data, device)
         variants: list[Edit] = [
             lambda splats: splats,
             *(ShTruncation(lower) for lower in reversed(range(degree))),
-            *(Kept(most_useful(scores, 1 - part)) for part in _parts(scores)),
+            *(Kept(most_useful_part(scores, 1 - part)) for part in _parts(scores)),
             *([lambda splats: held] if moves else []),
         ]
         batches = _photos(data, split, chosen, device)
@@ -98,12 +98,15 @@ def _drawn_degree(splats: Splats) -> int:
     return min(colors.degree, degree_of(colors.width)) if isinstance(colors, Sh) else 0
 
 
-def _scores(subject: Subject, data: DataManager) -> Float[Tensor, " n"]:
+def _scores(subject: Subject, data: DataManager, device: torch.device) -> Float[Tensor, " n"]:
     """Contribution of each row to the training views; empty where it cannot be measured."""
     if Feature.CONTRIBUTION not in subject.rasterizer.capabilities().features:
         return torch.zeros(0, dtype=torch.float64)
-    cameras = data.views(Split.TRAIN).cameras
-    return contributions(subject, [cameras[i] for i in evenly(len(cameras), MOST_CAMERAS)])
+    cameras = [camera.to(device) for camera in data.views(Split.TRAIN).cameras]
+    rows, rasterizer, settings = subject.model.num_rows, subject.rasterizer, subject.settings
+    return Contributions.of(
+        subject.splats, rows, cameras, rasterizer, settings, most=MOST_CAMERAS
+    ).total.to(device)
 
 
 def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:
@@ -112,7 +115,7 @@ def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:
 
 def _share(scores: Float[Tensor, " n"], part: float) -> float:
     """Part of the whole contribution that the least useful rows hold."""
-    total, kept = scores.sum(), scores[most_useful(scores, 1 - part)].sum()
+    total, kept = scores.sum(), scores[most_useful_part(scores, 1 - part)].sum()
     return float((total - kept) / total.clamp_min(1e-30))
 
 

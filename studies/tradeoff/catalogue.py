@@ -8,12 +8,13 @@ from dataclasses import replace
 import torch
 
 from gsfw.core.capabilities import Feature, of_splatting
+from gsfw.core.contributions import most_useful_part
 from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.loading import load
-from gsfw.studies.tradeoff.contribution import Kept, most_useful
 from gsfw.studies.tradeoff.edits import (
     TYPES,
+    Kept,
     ShTruncation,
     StaticConversion,
     TemporalCulling,
@@ -94,7 +95,7 @@ def _cut(degree: int) -> Callable[[Subject], Subject]:
 
 def _kept(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
     """Keep the Gaussians of most contribution, which is measured at the first use."""
-    return lambda subject: _edited(subject, Kept(most_useful(model.scores, part)))
+    return lambda subject: _edited(subject, Kept(most_useful_part(model.scores, part)))
 
 
 def _export(model: FinishedModel, *settings: str) -> tuple[str, ...]:

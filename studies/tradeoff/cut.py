@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gsfw.core.capabilities import check_fit
-from gsfw.core.datamanager import Split
+from gsfw.core.contributions import MEASURES, most_useful_part
 from gsfw.core.errors import ConfigError
 from gsfw.core.splats import Splats
 from gsfw.plugins.automatic import rasterizer_capabilities
-from gsfw.plugins.contributions import MEASURES
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
-from gsfw.plugins.run_source import is_dynamic
-from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
-from gsfw.studies.tradeoff.edits import ShTruncation
-from gsfw.studies.tradeoff.subject import Subject
+from gsfw.plugins.run_source import RunSource, is_dynamic
+from gsfw.studies.tradeoff.edits import Kept, ShTruncation
 
 
 def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Splats], Splats]:
@@ -40,15 +37,14 @@ def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Spl
 
 def _most_useful(restored: Restored, keep: float) -> Kept:
     composition = restored.composition
-    parts, settings = composition.parts, composition.plan.settings
     if is_dynamic(composition):
         raise ConfigError(
             f"keep={keep:g}: the model moves, and what a Gaussian adds differs from time to time.",
             "Leave keep out.",
         )
-    name = composition.settings.choices["rasterizer"].name
+    name, device = composition.settings.choices["rasterizer"].name, composition.parts.device
     needs = {f"keep={keep:g}": MEASURES}
-    check_fit(name, needs, rasterizer_capabilities(installed()), parts.device.type)
-    subject = Subject(parts.model, parts.rasterizer, settings, is_still=True)
-    scores = contributions(subject, parts.data.views(Split.TRAIN).cameras)
-    return Kept(most_useful(scores, keep))
+    check_fit(name, needs, rasterizer_capabilities(installed()), device.type)
+    scores = RunSource(restored).contributions()
+    assert scores is not None, "the rasterizer measures them"
+    return Kept(most_useful_part(scores.to(device), keep))

@@ -1,4 +1,4 @@
-"""Edits: fewer SH bands, fewer bits, faint splats left out, and rows that become static."""
+"""Edits: fewer rows, SH bands or bits, faint splats left out, and rows that become static."""
 
 from __future__ import annotations
 
@@ -15,6 +15,23 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
 from gsfw.studies.tradeoff.subject import Subject
+
+
+@dataclass(frozen=True)
+class Kept(Cut):
+    """Leaves out every splat but those of some rows."""
+
+    rows: Int[Tensor, " m"]
+
+    def __call__(self, splats: Splats) -> Splats:
+        """The splats of these rows, as far as they are among the given ones."""
+        if splats.rows is None:
+            return splats.take(self.rows)
+        return splats.take(torch.isin(splats.rows, self.rows).nonzero()[:, 0])
+
+    def left_of(self, storage: Storage) -> Storage:
+        """The storage of these rows, and everything that belongs to no row."""
+        return storage.of_rows(self.rows)
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ class FileRoundTrip:
         else:
             antialias = self.model.restored.composition.plan.settings.antialias
             taken = snapshot(subject.model, self._scene, antialias, edit=_all(subject))
-            self.exporter.write(path, taken.content)
+            self.exporter.write(path, taken)
         return path
 
     @property

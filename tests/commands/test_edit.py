@@ -194,6 +194,15 @@ def test_splats_become_a_model_file(ply, tmp_path, capsys):
     means = world.apply(restored.composition.parts.model.splats().means)
     expected = read(ply).means[:7] + torch.tensor([0.0, 1, 0])
     assert torch.allclose(means[:7], expected, atol=1e-4)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "a.gsfw", "a.gsfw.edits.json", "in.ply",
+    ]  # fmt: skip
+
+
+def test_splats_beyond_float32_become_no_model_file(ply, tmp_path, capsys):
+    said = refusal(capsys, ply, "scale=1e300", f"out={tmp_path / 'a.gsfw'}")
+    assert "cannot hold this: 41 splats have values that are no numbers of float32." in said
+    assert "clean=all leaves out what no format can hold." in said
 
 
 @pytest.mark.slow

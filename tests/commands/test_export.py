@@ -18,7 +18,6 @@ from gsfw.formats.ply import PlyImporter
 from gsfw.plugins.exporters import writable_suffixes
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
-from gsfw.plugins.snapshot import Snapshot
 
 
 @pytest.fixture
@@ -135,15 +134,15 @@ def test_a_place_that_cannot_be_written_to_is_one_message(run, tmp_path, capsys)
 
 
 def test_splats_that_are_not_finite_are_noted():
-    taken = Snapshot(SplatFile(some_splats()), 3)
+    taken = SplatFile(some_splats(), num_dropped=3)
     assert _notes(taken) == ["3 splats were left out: they are not finite."]
-    assert _notes(Snapshot(SplatFile(some_splats(0)), 0)) == []
+    assert _notes(SplatFile(some_splats(0))) == []
 
 
 def test_coordinates_too_far_from_the_origin_for_float32_are_noted():
     splats = some_splats()
     far = replace(splats, means=splats.means + 5e6)
-    assert _notes(Snapshot(SplatFile(far), 0)) == [
+    assert _notes(SplatFile(far)) == [
         "coordinates reach 5e+06, where float32 numbers are 0.5 apart, and the median splat is "
         "0.01 in size: the file looks coarser than the model. Move the data set nearer to its "
         "origin."

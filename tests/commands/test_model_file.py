@@ -293,7 +293,7 @@ def test_splat_files_at_many_times_hold_the_model_then(run, tmp_path):
     parts, scene = restored.composition.parts, restored.composition.scene
     for entry in index["files"]:
         read = PlyImporter().read(tmp_path / entry["file"])
-        expected = snapshot(parts.model, scene, False, torch.tensor(entry["time"])).content.splats
+        expected = snapshot(parts.model, scene, False, torch.tensor(entry["time"])).splats
         assert entry["splats"] == len(expected)
         unit = torch.nn.functional.normalize(expected.quats, dim=1)
         for name, tensor in replace(expected, quats=unit, extra=None).tensors().items():

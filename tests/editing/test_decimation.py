@@ -53,7 +53,7 @@ def test_colours_that_were_changed_are_found_again():
     splats = replace(splats, colors=Sh(dense, 1))
     targets = comparison.images(splats)
     grey = replace(splats, colors=Sh(torch.cat([dense[:, :1] * 0 + 0.5, dense[:, 1:]], 1), 1))
-    found = refitted(grey, comparison, targets, piece.shares().total, steps=30)
+    found = refitted(grey, comparison, targets, piece.contributions().total, steps=30)
     assert comparison.psnr(grey, targets) + 15 < comparison.psnr(found, targets)
 
 

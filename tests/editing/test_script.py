@@ -126,7 +126,7 @@ def test_cameras_move_with_the_world():
     assert 0 < count < 40
     moved = edited(edited(piece, "rotate", "1,2,3,77").piece, "scale", "3").piece
     assert len(edited(moved, "crop.views", "4").piece) == count
-    before, after = piece.shares(), moved.shares()
+    before, after = piece.contributions(), moved.contributions()
     assert torch.allclose(before.total, after.total, rtol=1e-3, atol=1e-3)
     upright = edited(moved, "align", "cameras,-y").piece
     assert upright.up == "-y"

@@ -13,6 +13,7 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.tradeoff.edits import (
+    Kept,
     ShTruncation,
     StaticConversion,
     TemporalCulling,
@@ -199,3 +200,16 @@ def test_rows_come_in_the_order_of_how_far_they_go_and_those_that_come_and_go_la
     with torch.no_grad():  # This one is gone for longer.
         columns["log_durations"].values[0] = math.log(0.05)
     assert by_motion(subject_of(model)).tolist() == [2, 3, 1, 0]
+
+
+def test_kept_rows_are_the_same_in_every_form_of_colours():
+    splats = random_splats(6, degree=2)
+    rows = torch.tensor([0, 2, 5])
+    dense = Kept(rows)(splats)
+    both = splats.colors.coefficients
+    apart = Kept(rows)(replace(splats, colors=Sh(both[:, :1], 2, rest=both[:, 1:])))
+    mixed = replace(splats, colors=splats.colors.of_degrees(torch.tensor([2, 1, 2, 0, 0, 2])))
+    for kept in (dense, apart, Kept(rows)(mixed)):
+        assert torch.equal(kept.means, splats.means[rows])
+        assert torch.equal(kept.opacities, splats.opacities[rows])
+        assert torch.equal(kept.colors.dense(), splats.colors.dense()[rows])

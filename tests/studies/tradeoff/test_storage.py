@@ -6,8 +6,7 @@ from support.mixed_model import MixedModel
 from support.moving_splats import spacetime
 from support.tracked_splats import after
 
-from gsfw.studies.tradeoff.contribution import Kept
-from gsfw.studies.tradeoff.edits import ShTruncation
+from gsfw.studies.tradeoff.edits import Kept, ShTruncation
 from gsfw.studies.tradeoff.storage import Storage
 
 ROWS = torch.tensor([0, 2, 5])

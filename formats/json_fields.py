@@ -1,0 +1,168 @@
+"""JsonFields: an object of untrusted JSON, with a check of every value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsfw.core.errors import DataError
+
+LARGEST_COUNT = 2**53
+"""Largest whole number that every reader of JSON keeps whole."""
+LONGEST = 60
+"""Characters of a wrong value in a message."""
+
+
+@dataclass(frozen=True)
+class JsonFields:
+    """One object of a document. Each value has to be there, unless its reader gives a default.
+
+    All readers raise a ``DataError`` for a missing or another value: the place, what was expected
+    and what was found.
+    """
+
+    path: Path
+    """Path of the file, for messages."""
+    where: str
+    """Path of the object: "scene", "cameras[3]"; empty for the document itself."""
+    values: Mapping[str, Any]
+    remedy: str = "It was not written by gsfw, or was changed since; export the model again."
+    """The next action after a wrong value, for messages."""
+    document: str = "header"
+    """The part of the file that holds the object, for messages."""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def refuse(self, name: str, expected: str) -> DataError:
+        """The error for a value."""
+        found = repr(self.values[name])
+        found = found if len(found) <= LONGEST else f"{found[: LONGEST - 3]}..."
+        return DataError(
+            f"{self.path}: {self._place(name)} of its {self.document}: expected {expected}, "
+            f"found {found}.",
+            self.remedy,
+        )
+
+    def _find(self, name: str, default: object = None) -> Any:  # noqa: ANN401 - plain data of any kind
+        if name in self.values:
+            return self.values[name]
+        if default is None:
+            raise DataError(
+                f"{self.path}: its {self.document} has no {self._place(name)}.", self.remedy
+            )
+        return default
+
+    def _place(self, name: str) -> str:
+        return f"{self.where}.{name}" if self.where else name
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """Text, which may be empty."""
+        value = self._find(name, default)
+        if not isinstance(value, str):
+            raise self.refuse(name, "text")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """True or false."""
+        value = self._find(name)
+        if not isinstance(value, bool):
+            raise self.refuse(name, "true or false")
+        return value
+
+    def count(self, name: str, least: int = 0, default: int | None = None) -> int:
+        """A whole number of at least ``least``."""
+        value = self._find(name, default)
+        if not _is_whole(value) or not least <= value <= LARGEST_COUNT:
+            raise self.refuse(name, f"a whole number of at least {least}")
+        return int(value)
+
+    def positive(self, name: str) -> float:
+        """A finite number above 0."""
+        value = self._find(name)
+        if not _is_number(value) or not 0 < value < math.inf:
+            raise self.refuse(name, "a number above 0")
+        return float(value)
+
+    def numbers(self, name: str, *shape: int, default: Sequence[float] | None = None) -> np.ndarray:
+        """Finite numbers of this shape in nested lists, float64; -1 for any length.
+
+        The result is one number per element: never a broadcast, never parsed text.
+        """
+        sides = " x ".join("any" if length < 0 else str(length) for length in shape)
+        expected = f"{sides} finite numbers" if shape else "one finite number"
+        value = self._find(name, default)
+        if not _has_shape(value, shape):
+            raise self.refuse(name, expected)
+        array = np.array(value, dtype=np.float64)
+        if not np.isfinite(array).all():
+            raise self.refuse(name, expected)
+        return array
+
+    def is_null(self, name: str) -> bool:
+        """True if there is no value under this name."""
+        return self._find(name) is None
+
+    def texts(self, name: str) -> list[str]:
+        """A list of texts."""
+        value = self._find(name)
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self.refuse(name, "a list of texts")
+        return value
+
+    def fields(self, name: str, default: Mapping[str, Any] | None = None) -> JsonFields:
+        """An object."""
+        value = self._find(name, default)
+        if not isinstance(value, dict):
+            raise self.refuse(name, "an object")
+        return replace(self, where=self._place(name), values=value)
+
+    def objects(self, name: str, default: list[Any] | None = None) -> list[JsonFields]:
+        """A list of objects."""
+        value = self._find(name, default)
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            raise self.refuse(name, "a list of objects")
+        return [
+            replace(self, where=f"{self._place(name)}[{index}]", values=item)
+            for index, item in enumerate(value)
+        ]
+
+    def indices(self, name: str, length: int, default: list[int] | None = None) -> list[int]:
+        """Numbers of items of a list with this length."""
+        value = self._find(name, default)
+        is_list = isinstance(value, list)
+        if not is_list or not all(_is_whole(item) and 0 <= item < length for item in value):
+            raise self.refuse(name, f"numbers from 0 to {length - 1}")
+        return list(value)
+
+    def pick(self, name: str, items: Sequence[JsonFields]) -> JsonFields:
+        """The item of a list that a number names."""
+        index = self.count(name)
+        if index >= len(items):
+            raise self.refuse(name, f"a number below {len(items)}")
+        return items[index]
+
+
+BROKEN = JsonFields.remedy
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_number(value: object) -> bool:
+    small = not isinstance(value, int) or abs(value) <= LARGEST_COUNT
+    return isinstance(value, int | float) and not isinstance(value, bool) and small
+
+
+def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
+    if not shape:
+        return _is_number(value)
+    if not isinstance(value, list) or shape[0] not in (-1, len(value)):
+        return False
+    return all(_has_shape(item, shape[1:]) for item in value)

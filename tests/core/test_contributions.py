@@ -1,0 +1,65 @@
+"""Contributions are what a splat adds to images; the most useful rows have the highest."""
+
+from dataclasses import replace
+
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.scenes import front_camera, random_splats
+
+from gsfw.core.contributions import Contributions, most_useful_part
+from gsfw.core.render_settings import RenderSettings
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+SETTINGS = RenderSettings(background=torch.ones(3))
+
+
+def measured(splats_at, num_rows, cameras, most=0):
+    return Contributions.of(splats_at, num_rows, cameras, ReferenceRasterizer(), SETTINGS, most)
+
+
+def test_contributions_are_what_each_splat_adds_to_the_images():
+    splats = random_splats(8)
+    cameras = [front_camera(), front_camera(distance=3.0)]
+    found = measured(lambda time: splats, 8, cameras)
+    # A channel for each splat, in which it alone is 1: what is drawn is alpha times transmittance.
+    alone = replace(splats, colors=torch.eye(8))
+    added = [ReferenceRasterizer().render(alone, camera).color.sum((0, 1, 2)) for camera in cameras]
+    torch.testing.assert_close(found.total, sum(added).double(), rtol=1e-5, atol=1e-5)
+    assert found.views.tolist() == sum((one >= 0.1).long() for one in added).tolist()
+
+
+def test_rows_that_are_absent_at_the_time_of_a_view_add_nothing_to_it():
+    splats = random_splats(8)
+    few = replace(splats, rows=torch.arange(8)).take(torch.tensor([1, 4, 6]))
+    cameras = [replace(front_camera(), time=torch.tensor([time])) for time in (0.0, 1.0)]
+    found = measured(lambda time: splats if time > 0.5 else few, 8, cameras)
+    early = measured(lambda time: few, 8, cameras[:1])
+    late = measured(lambda time: splats, 8, cameras[1:])
+    assert early.total.nonzero()[:, 0].tolist() == [1, 4, 6]
+    assert torch.equal(found.total, early.total + late.total)
+    assert torch.equal(found.views, early.views + late.views)
+
+
+def test_as_many_views_as_asked_for_are_measured_from_first_to_last():
+    splats = random_splats(8)
+    cameras = [front_camera(distance=2.0 + 0.1 * index) for index in range(5)]
+    some = measured(lambda time: splats, 8, cameras, most=3)
+    same = measured(lambda time: splats, 8, [cameras[index] for index in (0, 2, 4)])
+    assert torch.equal(some.total, same.total)
+    assert torch.equal(some.views, same.views)
+    assert (measured(lambda time: splats, 8, cameras).total >= some.total).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.sampled_from([0.0, 0.5, 1.0, 2.0, 7.0]), min_size=1, max_size=20),
+    st.floats(0.01, 1.0),
+)
+def test_the_most_useful_rows_are_those_of_the_highest_scores(values, part):
+    scores = torch.tensor(values, dtype=torch.float64)
+    rows = most_useful_part(scores, part).tolist()
+    assert rows == sorted(set(rows))
+    assert len(rows) == max(1, round(part * len(values)))
+    left_out = [value for row, value in enumerate(values) if row not in rows]
+    assert all(values[row] >= value for row in rows for value in left_out)
