@@ -74,20 +74,26 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.exported_model import check_finetune
     from gsfw.commands.interface.runs import find_run, restore_run
-    from gsfw.plugins.exporters import make_exporter
+    from gsfw.core.files.atomic import other_place
+    from gsfw.plugins.exporters import check_sh_degree, check_suffix, make_exporter
     from gsfw.plugins.registry import installed
 
     _check(options)
     registry = installed()
     options = replace(options, format=_format(options, registry))
     exporter = make_exporter(options.format, registry, given)
+    if options.out and not options.times:
+        check_suffix(Path(options.out), options.format, exporter, registry)
+    check_sh_degree(options.sh_degree, options.format, exporter)
     console = Console(options.json)
     found = find_run(options.run, console.say)
     check_finetune(options.finetune, found, exporter)
     _check_fit(options, exporter.holds)
     restored = restore_run(found, registry, options.changed(), options.step)
-    document = _Export(options, exporter, found, restored, console).write()
-    document |= _corrections(restored, document["written"], found, console)
+    place = "DIR" if exporter.is_folder or options.times else "FILE"
+    with other_place(f"another place with out={place}"):
+        document = _Export(options, exporter, found, restored, console).write()
+        document |= _corrections(restored, document["written"], found, console)
     about = {"run": found.name, "step": restored.step, "format": options.format}
     console.result({**about, **document})
     return 0
@@ -110,8 +116,6 @@ def _check(options: ExportOptions) -> None:
         )
     if not 0 < options.keep <= 1:
         raise ConfigError(f"keep={options.keep:g}: expected a part above 0, and at most 1.")
-    if options.sh_degree is not None and options.sh_degree < 0:
-        raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
 
 
 def _format(options: ExportOptions, registry: Registry) -> str:
