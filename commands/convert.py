@@ -35,19 +35,20 @@ class ConvertOptions(Options):
     )
 
     source: str = positional("IN")
-    """A splat file of any format, a folder of one, a model file (.gsfw), a run, or latest."""
+    """A splat file of any format, or its folder; a model file (.gsfw), a run folder, a checkpoint,
+    or latest."""
     out: str = positional("OUT")
-    """File to write; a folder for it, if format is given. Its suffix chooses the format."""
+    """File to write, whose suffix chooses the format; or, with format=NAME, a folder for it."""
     format: str = ""
     """Format of OUT: one of the exporters that gsfw plugins lists. Empty: by the suffix of OUT.
     Some formats have options, format.KEY=VALUE: format=NAME --help lists them."""
     time: float = 0.0
     """Time of a moving model or file, in [0, 1]; splats at rest ignore it."""
     sh_degree: int | None = None
-    """Degree of view dependence above which nothing is written. none: all of it."""
+    """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that OUT holds."""
     check: Literal["auto", "true", "false"] = "auto"
-    """Read OUT back, and compare images of both from places around IN (PSNR). auto: up to 1.5
-    million splats, which takes about a minute."""
+    """Read OUT back, and compare images of both from all around IN (PSNR). auto: unless there are
+    more than 1.5 million splats, which takes over a minute."""
 
 
 def run(arguments: list[str]) -> int:

@@ -30,7 +30,7 @@ TOO_COARSE = 0.1
 
 @dataclass(kw_only=True)
 class ExportOptions(RunOptions):
-    """Write a run's splats to a file, in the world of the data, or its whole model."""
+    """Write a run's splats, in the world of the data, or its whole model to a file."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw export latest",
@@ -46,8 +46,8 @@ class ExportOptions(RunOptions):
     or another of the exporters that gsfw plugins lists. Empty: by the suffix of out, or ply. Some
     formats have options, format.KEY=VALUE: format=NAME --help lists them."""
     out: str = ""
-    """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; the folder
-    splats in it for a sequence."""
+    """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; for a
+    sequence, the folder splats in the run."""
     step: int | None = None
     """Step of the checkpoint. none: the last."""
     time: float = 0.0
@@ -56,12 +56,14 @@ class ExportOptions(RunOptions):
     """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
     What that costs: gsfw tradeoff RUN."""
     sh_degree: int | None = None
-    """Degree of view dependence above which nothing is written. none: all of it."""
+    """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that the format
+    holds."""
     times: str = ""
-    """A numbered sequence of files instead of one: how many, evenly from time 0 to 1, or all, for
-    the times of the data."""
+    """Write a numbered sequence of files instead of one: their number, evenly from time 0 to 1; or
+    all, for the times of the data."""
     finetune: int = 0
-    """Steps by which the model is trained on, for the rounding of format.precision=compressed."""
+    """Steps of further training, which fit the model to the rounding of
+    format.precision=compressed."""
 
 
 def run(arguments: list[str]) -> int:
