@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from gsfw.commands.interface.runs import RunArgument
     from gsfw.core.exchange import Exporter, ExportSource, SplatFile
     from gsfw.plugins.registry import Registry
+    from gsfw.plugins.restore import Restored
 
 MOST = 1_500_000
 """Splats that are compared by default: about a minute on two cores."""
@@ -34,19 +35,20 @@ class ConvertOptions(Options):
     )
 
     source: str = positional("IN")
-    """A splat file of any format, a folder of one, a model file (.gsfw), a run, or latest."""
+    """A splat file of any format, or its folder; a model file (.gsfw), a run folder, a checkpoint,
+    or latest."""
     out: str = positional("OUT")
-    """File to write; a folder for it, if format is given. Its suffix chooses the format."""
+    """File to write, whose suffix chooses the format; or, with format=NAME, a folder for it."""
     format: str = ""
     """Format of OUT: one of the exporters that gsfw plugins lists. Empty: by the suffix of OUT.
     Some formats have options, format.KEY=VALUE: format=NAME --help lists them."""
     time: float = 0.0
     """Time of a moving model or file, in [0, 1]; splats at rest ignore it."""
     sh_degree: int | None = None
-    """Degree of view dependence above which nothing is written. none: all of it."""
+    """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that OUT holds."""
     check: Literal["auto", "true", "false"] = "auto"
-    """Read OUT back, and compare images of both from places around IN (PSNR). auto: up to 1.5
-    million splats, which takes about a minute."""
+    """Read OUT back, and compare images of both from all around IN (PSNR). auto: unless there are
+    more than 1.5 million splats, which takes over a minute."""
 
 
 def run(arguments: list[str]) -> int:
@@ -59,16 +61,20 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run
-    from gsfw.plugins.exporters import make_exporter
+    from gsfw.core.files.atomic import other_place
+    from gsfw.plugins.exporters import check_sh_degree, check_suffix, make_exporter
     from gsfw.plugins.registry import installed
 
     registry, console = installed(), Console(options.json)
     form = options.format or _format_of(Path(options.out), registry)
     exporter = make_exporter(form, registry, given)
-    found = find_run(options.source, console.say, splats=True)
+    check_suffix(Path(options.out), form, exporter, registry)
+    found = find_run(options.source, console.say, splats=True, word="IN")
     _check_fit(options, form, exporter, found)
+    check_sh_degree(options.sh_degree, form, exporter)
     path = _target(options, exporter, found)
-    document = _Conversion(options, form, exporter, found, path, registry, console).write()
+    with other_place("another place for OUT"):
+        document = _Conversion(options, form, exporter, found, path, registry, console).write()
     console.result(document)
     return 0
 
@@ -83,8 +89,6 @@ def _check_numbers(options: ConvertOptions) -> None:
 
     if not 0 <= options.time <= 1:
         raise ConfigError(f"time={options.time:g}: expected a time in [0, 1].")
-    if options.sh_degree is not None and options.sh_degree < 0:
-        raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
 
 
 def _check_fit(options: ConvertOptions, form: str, exporter: Exporter, found: RunArgument) -> None:
@@ -159,8 +163,10 @@ class _Input:
 
     source: ExportSource
     """Content for the exporter."""
-    splats: SplatFile | None
-    """Its splats at one time; ``None`` if the format holds more of a run."""
+    splats: SplatFile | None = None
+    """Its splats at one time; ``None`` if the format holds more."""
+    restored: Restored | None = None
+    """The run or model, if the format holds more of it; ``None`` for a file that moves."""
 
 
 @dataclass(frozen=True)
@@ -194,8 +200,7 @@ class _Conversion:
             "bytes": bytes_of(self.path),
         }
         if taken.splats is None:
-            self.console.say(f"{self.options.source} to {self._sizes(document)}")
-            return document
+            return document | self._whole(taken, self._sizes(document))
         count = len(source.splat_file().splats)
         dropped = taken.splats.num_dropped
         notes = rounding_note(source.splat_file().splats)
@@ -206,6 +211,29 @@ class _Conversion:
         for note in notes:
             self.console.warn(note)
         return {**document, "notes": notes}
+
+    def _whole(self, taken: _Input, sizes: str) -> dict[str, Any]:
+        """Say what a format has that holds more than splats at one time, and the loss."""
+        from gsfw.commands.interface.exported_motion import about_motion
+        from gsfw.core.exchange import Holds
+        from gsfw.plugins.run_source import RunSource
+
+        source, document, notes = taken.source, dict[str, Any](), list[str]()
+        if taken.restored is None:
+            document = {"num_gaussians": len(source.motion_file().content.splats)}
+            what = f"{document['num_gaussians']:,} moving splats"
+        elif self.exporter.holds is Holds.MOTION and isinstance(source, RunSource):
+            what, document, notes = about_motion(taken.restored, source)
+        elif self.exporter.holds is Holds.MODEL:
+            model = source.stored_model()
+            what = f"method {model.method} with {model.rows:,} Gaussians"
+            document = {"num_gaussians": model.rows}
+        else:
+            what = "the surface that views show"
+        self.console.say(f"{what}, of {self.options.source} to {sizes}")
+        for note in notes:
+            self.console.warn(note)
+        return document | {"notes": notes}
 
     def _input(self) -> _Input:
         """Read IN.
@@ -233,7 +261,7 @@ class _Conversion:
         restored = restore_run(self.found, self.registry)
         source = RunSource(restored, self.options.time, data_times(restored.composition))
         if holds is not Holds.SPLATS:
-            return _Input(source, None)
+            return _Input(source, restored=restored)
         return _Input(source, source.splat_file())
 
     def _smaller(self, content: SplatFile) -> tuple[SplatFile, int]:
@@ -248,8 +276,11 @@ class _Conversion:
 
     def _bytes_before(self) -> int | None:
         """Size of IN; ``None`` for a run, which is more than a model."""
-        file = self.found.splat_file or self.found.model_file
-        return None if file is None else bytes_of(file)
+        from gsfw.plugins.initial_splats import splat_bytes
+
+        if self.found.splat_file is not None:
+            return splat_bytes(self.found.splat_file, self.registry)
+        return None if self.found.model_file is None else bytes_of(self.found.model_file)
 
     def _sizes(self, document: Mapping[str, Any]) -> str:
         """OUT with its size: "b.ply, 2.0 MB (4.1 times smaller)"."""

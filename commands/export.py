@@ -29,7 +29,7 @@ TOO_COARSE = 0.1
 
 @dataclass(kw_only=True)
 class ExportOptions(RunOptions):
-    """Write a run's splats to a file, in the world of the data, or its whole model."""
+    """Write a run's splats, in the world of the data, or its whole model to a file."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw export latest",
@@ -45,8 +45,8 @@ class ExportOptions(RunOptions):
     or another of the exporters that gsfw plugins lists. Empty: by the suffix of out, or ply. Some
     formats have options, format.KEY=VALUE: format=NAME --help lists them."""
     out: str = ""
-    """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; the folder
-    splats in it for a sequence."""
+    """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; for a
+    sequence, the folder splats in the run."""
     step: int | None = None
     """Step of the checkpoint. none: the last."""
     time: float = 0.0
@@ -55,12 +55,14 @@ class ExportOptions(RunOptions):
     """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
     What that costs: gsfw tradeoff RUN."""
     sh_degree: int | None = None
-    """Degree of view dependence above which nothing is written. none: all of it."""
+    """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that the format
+    holds."""
     times: str = ""
-    """A numbered sequence of files instead of one: how many, evenly from time 0 to 1, or all, for
-    the times of the data."""
+    """Write a numbered sequence of files instead of one: their number, evenly from time 0 to 1; or
+    all, for the times of the data."""
     finetune: int = 0
-    """Steps by which the model is trained on, for the rounding of format.precision=compressed."""
+    """Steps of further training, which fit the model to the rounding of
+    format.precision=compressed."""
 
 
 def run(arguments: list[str]) -> int:
@@ -73,20 +75,26 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.exported_model import check_finetune
     from gsfw.commands.interface.runs import find_run, restore_run
-    from gsfw.plugins.exporters import make_exporter
+    from gsfw.core.files.atomic import other_place
+    from gsfw.plugins.exporters import check_sh_degree, check_suffix, make_exporter
     from gsfw.plugins.registry import installed
 
     _check(options)
     registry = installed()
     options = replace(options, format=_format(options, registry))
     exporter = make_exporter(options.format, registry, given)
+    if options.out and not options.times:
+        check_suffix(Path(options.out), options.format, exporter, registry)
+    check_sh_degree(options.sh_degree, options.format, exporter)
     console = Console(options.json)
     found = find_run(options.run, console.say)
     check_finetune(options.finetune, found, exporter)
     _check_fit(options, exporter.holds)
     restored = restore_run(found, registry, options.changed(), options.step)
-    document = _Export(options, exporter, found, restored, console).write()
-    document |= _corrections(restored, document["written"], found, console)
+    place = "DIR" if exporter.is_folder or options.times else "FILE"
+    with other_place(f"another place with out={place}"):
+        document = _Export(options, exporter, found, restored, console).write()
+        document |= _corrections(restored, document["written"], found, console)
     about = {"run": found.name, "step": restored.step, "format": options.format}
     console.result({**about, **document})
     return 0
@@ -109,8 +117,6 @@ def _check(options: ExportOptions) -> None:
         )
     if not 0 < options.keep <= 1:
         raise ConfigError(f"keep={options.keep:g}: expected a part above 0, and at most 1.")
-    if options.sh_degree is not None and options.sh_degree < 0:
-        raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
 
 
 def _format(options: ExportOptions, registry: Registry) -> str:

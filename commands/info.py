@@ -87,8 +87,9 @@ def _describe(options: InfoOptions, registry: Registry, console: Console) -> dic
     if what and Path(what).exists() and options.format == AUTO:
         importer = importer_of(Path(what), registry)
         if importer:
-            content = load("importer", registry.slot("importer")[importer])().read(Path(what))
-            return describe_splats(Path(what), importer, content)
+            reader = load("importer", registry.slot("importer")[importer])()
+            content, size = reader.read(Path(what)), reader.size(Path(what))
+            return describe_splats(Path(what), importer, content, size)
         if Path(what).is_file():
             _check_known(what, registry)
     return _describe_data(what or data, options, registry)

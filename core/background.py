@@ -18,8 +18,15 @@ AUTO = "auto"
 NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
-def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, float]:
+def parse_background(
+    text: str, has_alpha: bool = False, key: str = "background"
+) -> tuple[float, float, float]:
     """Parse a ``background`` setting: the colour in [0, 1] per channel.
+
+    Args:
+        text: the setting.
+        has_alpha: true if images have alpha, which ``auto`` makes white.
+        key: name of the setting, for messages.
 
     Raises:
         ConfigError: it is neither a name nor three numbers.
@@ -32,10 +39,10 @@ def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, 
         red, green, blue = (float(part) for part in text.strip("[]() ").split(","))
     except ValueError:
         raise ConfigError(
-            f"background={text}: expected white, black, auto, or three numbers such as 0.5,0.5,0.5."
+            f"{key}={text}: expected white, black, auto, or three numbers such as 0.5,0.5,0.5."
         ) from None
     if not all(math.isfinite(value) for value in (red, green, blue)):
-        raise ConfigError(f"background={text}: expected three finite numbers.")
+        raise ConfigError(f"{key}={text}: expected three finite numbers.")
     return red, green, blue
 
 

@@ -17,6 +17,8 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
+from gsfw.core.files.size import bytes_of
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
@@ -338,8 +340,15 @@ class Exporter(ABC):
     """False if no importer can make splats of the files, such as points."""
     holds: ClassVar[Holds] = Holds.SPLATS
     """Content of a file; the exporter reads only this from its source."""
+    other_suffixes: ClassVar[tuple[str, ...]] = ()
+    """Further suffixes of file names that the format may have, such as ".obj"."""
     levels: ClassVar[tuple[Mapping[str, Any], ...]] = ()
     """Options of smaller files, whose cost ``gsfw tradeoff`` measures beside that of the usual."""
+
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds; bands above it are left out."""
+        return MAX_DEGREE
 
     @abstractmethod
     def write(self, path: Path, source: ExportSource) -> None:
@@ -379,3 +388,11 @@ class Importer(ABC):
             DataError: it is damaged or not of this format; names the cause and the place.
         """
         return self.read(path).motion_file()
+
+    def size(self, path: Path) -> int:
+        """Bytes of the file or folder, with the files beside it that belong to it.
+
+        Raises:
+            DataError: it is damaged or not of this format; names the cause and the place.
+        """
+        return bytes_of(path)

@@ -123,7 +123,10 @@ def read_steps(path: Path) -> list[Step]:
         steps = [(item["edit"], item["value"]) for item in document["steps"]]
         is_ours = document["format"] == FORMAT
     except FileNotFoundError:
-        raise DataError(f"edits={path}: there is no such file.") from None
+        raise DataError(
+            f"edits={path}: there is no such file.",
+            f"Give an .edits.json file that gsfw edit has written, absolute or from {Path.cwd()}.",
+        ) from None
     except (OSError, ValueError, KeyError, TypeError):
         is_ours, steps = False, []
     if not is_ours or not all(isinstance(text, str) for _, text in steps):

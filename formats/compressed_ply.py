@@ -65,6 +65,11 @@ class CompressedPlyExporter(Exporter):
 
     suffix = ".compressed.ply"
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return MAX_DEGREE
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; bands above the active SH degree, or above 3, are omitted.
 

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import SplatFile, StoredModel
-from gsfw.core.files.size import bytes_of
 from gsfw.core.splats import Sh
 from gsfw.formats.array_archive import array_bytes
 from gsfw.formats.model_file import ROWS, Precision, read_model_header
@@ -20,15 +19,16 @@ SHOWN = ("strategy", "steps", "seed", "sh_degree", "downscale", "profile")
 """The settings that distinguish models; the header has them all."""
 
 
-def describe_splats(path: Path, form: str, content: SplatFile) -> dict[str, Any]:
+def describe_splats(path: Path, form: str, content: SplatFile, size: int) -> dict[str, Any]:
     """The document of a splat file.
 
     Args:
         path: the file, or the folder.
         form: its format, as the name of an importer.
         content: content of the file; at least one splat.
+        size: bytes of the file, with those beside it that belong to it.
     """
-    splats, size = content.splats, bytes_of(path)
+    splats = content.splats
     low, high = splats.means.amin(dim=0), splats.means.amax(dim=0)
     scales = splats.scales
     assert scales is not None

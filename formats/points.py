@@ -38,6 +38,11 @@ class PointsExporter(Exporter):
                 f"format.min_opacity={self.min_opacity:g}: expected a number in [0, 1]."
             )
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return 0
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically: positions as float, colours as 8 bits.
 

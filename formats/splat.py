@@ -44,6 +44,11 @@ class SplatExporter(Exporter):
 
     suffix = ".splat"
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return 0
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH of degree 1 and above is omitted.
 

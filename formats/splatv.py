@@ -77,6 +77,11 @@ class SplatvExporter(Exporter):
     suffix = ".splatv"
     holds = Holds.MOTION
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return 0
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically.
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.exchange import Exporter
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 from gsfw.plugins.keys import Key, keys, suggest_key
 from gsfw.plugins.loading import load, load_all
 from gsfw.plugins.registry import Registry
@@ -74,6 +75,45 @@ def make_exporter(
                 f"{full}: {known[full].help}",
             ) from None
     return kind(**values)
+
+
+def check_suffix(path: Path, form: str, exporter: Exporter, registry: Registry) -> None:
+    """Check that the name of a file is not that of another format.
+
+    A suffix that no format has is any format's; ``.ply`` is also that of its other kinds.
+
+    Raises:
+        ConfigError: it is.
+    """
+    named = None if path.is_dir() else format_of(path, registry)
+    if named is None or named == form:
+        return
+    suffix = load("exporter", registry.find("exporter", named)).suffix
+    if suffix in (Path(exporter.suffix).suffix, *exporter.other_suffixes):
+        return
+    stem = path.name[: -len(suffix)]
+    other = f"a folder: {stem}" if exporter.is_folder else f"another name: {stem}{exporter.suffix}"
+    raise ConfigError(
+        f"{path}: files that end in {suffix} have format {named}, and format={form} is given.",
+        f"Leave format out, or give {other}",
+    )
+
+
+def check_sh_degree(degree: int | None, form: str, exporter: Exporter) -> None:
+    """Check the degree above which nothing is to be written.
+
+    Raises:
+        ConfigError: there is no such degree, or the format holds less.
+    """
+    if degree is None:
+        return
+    if not 0 <= degree <= MAX_DEGREE:
+        raise ConfigError(f"sh_degree={degree}: expected a degree from 0 to {MAX_DEGREE}.")
+    if degree > exporter.most_sh_degree:
+        raise ConfigError(
+            f"sh_degree={degree}: format {form} holds degree {exporter.most_sh_degree} at most.",
+            "Leave sh_degree out for all that the format holds, or choose another format.",
+        )
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from gsfw.commands.edit.verb import EditOptions
 from gsfw.commands.interface.runs import RunArgument
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, Holds
-from gsfw.plugins.exporters import format_of, make_exporter, writable_suffixes
+from gsfw.plugins.exporters import check_suffix, format_of, make_exporter, writable_suffixes
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 
@@ -63,6 +63,7 @@ class Output:
         exporter = make_exporter(form, registry, given)
         _check_content(form, exporter)
         path = Path(options.out) if options.out else _beside(found, exporter.suffix, registry)
+        check_suffix(path, form, exporter, registry)
         _check_place(path, found)
         return Output(path, form, exporter)
 

@@ -21,7 +21,7 @@ from gsfw.core.contributions import MEASURES
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.exchange import ExportSource, Holds, SplatFile, StoredModel
-from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.atomic import other_place, write_atomically
 from gsfw.core.files.size import bytes_of
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.progress import stage
@@ -34,7 +34,8 @@ from gsfw.editing.operations.edit import Surroundings
 from gsfw.editing.script import Step, StepResult, apply, write_steps
 from gsfw.formats.stored_rows import held_by_float32
 from gsfw.plugins.automatic import rasterizer_capabilities
-from gsfw.plugins.initial_splats import find_importer
+from gsfw.plugins.exporters import check_sh_degree
+from gsfw.plugins.initial_splats import find_importer, splat_bytes
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
@@ -42,6 +43,8 @@ from gsfw.plugins.shorter_bands import without_bands
 from gsfw.plugins.splat_instant import read_at
 from gsfw.plugins.splat_run import run_of_splats
 
+ELSEWHERE = "another place with out=FILE"
+"""Remedy for a place that cannot be written to."""
 INSTANTS = 33
 """Most times of the data at which the rows of a moving model are tested, spread evenly."""
 
@@ -61,6 +64,9 @@ class Session:
     def run(self) -> dict[str, Any]:
         """Edit and write; return the document."""
         output, results = self._output, list[StepResult]()
+        for step in self.steps:
+            if step.name == "sh_degree":
+                check_sh_degree(int(step.text), output.format, output.exporter)
 
         def done(result: StepResult) -> None:
             results.append(result)
@@ -74,7 +80,7 @@ class Session:
             "written": None,
             "steps": [result.document() for result in results],
             "num_gaussians": len(piece),
-            "bytes_before": _num_bytes(self.found),
+            "bytes_before": self._bytes_before(),
         }
         if self.options.dry_run:
             self.console.say(f"{output.path} would hold {len(piece):,} Gaussians: nothing written")
@@ -104,7 +110,7 @@ class Session:
         """
         restored, found = self._restored if not self.options.views else None, self.found
         if restored is None:
-            found = find_run(self.options.views, self.console.say)
+            found = find_run(self.options.views, self.console.say, word="views")
             restored = restore_run(found, self.registry, self.options.changed())
         composition = restored.composition
         parts, settings = composition.parts, composition.plan.settings
@@ -218,19 +224,26 @@ class Session:
             self._output.exporter.write(path, self._content(piece))
             return bytes_of(path)
 
+    def _bytes_before(self) -> int | None:
+        """Size of the input; ``None`` for a run, which is more than a model."""
+        if self.found.splat_file is not None:
+            return splat_bytes(self.found.splat_file, self.registry)
+        return None if self.found.model_file is None else bytes_of(self.found.model_file)
+
     def _write(self, piece: Editable, results: Sequence[StepResult]) -> dict[str, Any]:
         """Write the file and its steps; return the rest of the document."""
         output = self._output
         try:
-            with stage(f"writing {output.path.name}"):
+            with other_place(ELSEWHERE), stage(f"writing {output.path.name}"):
                 output.exporter.write(output.path, self._content(piece))
         except UserError:
             raise
         except ValueError as error:
             raise DataError(f"{output.path}: format {output.format} cannot hold this: {error}.",
                 "clean=all leaves out what no format can hold.") from error  # fmt: skip
-        write_atomically(output.steps, write_steps(results, self.found.name))
-        after, before = bytes_of(output.path), _num_bytes(self.found)
+        with other_place(ELSEWHERE):
+            write_atomically(output.steps, write_steps(results, self.found.name))
+        after, before = bytes_of(output.path), self._bytes_before()
         sizes = size(after) if before is None else f"{size(before)} -> {size(after)}"
         self.console.say(
             f"{len(piece):,} Gaussians, {sizes}: {output.path}\n"
@@ -253,9 +266,3 @@ class _EditedModel(ExportSource):
     def contributions(self) -> Float[Tensor, " n"] | None:
         """Those of the edited rows to the training views, which moved with the world."""
         return self.run.contributions()
-
-
-def _num_bytes(found: RunArgument) -> int | None:
-    """Size of the input; ``None`` for a run, which is more than a model."""
-    given = found.splat_file or found.model_file
-    return None if given is None else bytes_of(given)

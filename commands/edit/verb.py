@@ -41,13 +41,13 @@ class Prune:
     """Leave out Gaussians of little use."""
 
     opacity: str = ""
-    """Leave out opacities below this one, in [0, 1]: prune.opacity=0.02"""
+    """Leave out Gaussians with an opacity below this one, in [0, 1]: prune.opacity=0.02"""
     contribution: str = ""
     """Leave out this part of the Gaussians, those that add least to the views:
     prune.contribution=0.3"""
     floaters: str = ""
-    """Leave out Gaussians this many standard deviations farther from their neighbours than the
-    others (of logarithms; 3 leaves out more than 5): prune.floaters=4"""
+    """Leave out Gaussians whose distance to their neighbours (as a logarithm) is this many standard
+    deviations above the median; 3 leaves out more than 5: prune.floaters=4"""
     views: str = ""
     """Leave out Gaussians that fewer of the run's training views see: prune.views=2"""
 
@@ -57,10 +57,11 @@ class Decimate:
     """Reduce the number of Gaussians."""
 
     count: str = ""
-    """At most this number of Gaussians: the least useful are left out, others merged, and colours
-    refitted: decimate.count=50000"""
+    """Reduce to at most this number of Gaussians: the least useful are left out, others are merged,
+    and colours are refitted: decimate.count=50000"""
     mb: str = ""
-    """The same for a size of the file in MB (million bytes); give it last: decimate.mb=5"""
+    """The same, until the file has at most this size in MB (million bytes); give it as the last
+    step: decimate.mb=5"""
 
 
 @dataclass(kw_only=True)
@@ -74,7 +75,8 @@ class Color:
     saturation: str = ""
     """Multiply differences from grey; 0 is grey: color.saturation=0.8"""
     white: str = ""
-    """Make this colour, red,green,blue, grey: color.white=0.9,0.85,0.7"""
+    """White balance: this colour (red,green,blue in [0, 1]) becomes grey of the same brightness:
+    color.white=0.9,0.85,0.7"""
 
 
 @dataclass(kw_only=True)
@@ -94,11 +96,11 @@ class EditOptions(Options):
         "gsfw edit other.ply edits=small.ply.edits.json dry_run=true",
     )
 
-    file: str = positional("FILE|RUN")
+    file: str = positional("FILE")
     """A file of splats, a run folder, a checkpoint, a model file (.gsfw), or latest."""
     out: str = ""
-    """File to write; .gsfw for the model at all times. Empty: FILE.edited beside the file;
-    edited.ply in the run, or edited.gsfw if it moves."""
+    """File to write; .gsfw for the model at all times. Empty: FILE.edited with the suffix of the
+    format, beside the file; for a run, edited.ply in it, or edited.gsfw if the model moves."""
     format: str = ""
     """Format of the file: one of the exporters that gsfw plugins lists. Empty: by the suffix of
     out. Some formats have options, format.KEY=VALUE: format=NAME --help lists them."""
@@ -110,18 +112,18 @@ class EditOptions(Options):
     scale: str = ""
     """Multiply all lengths, from the origin: scale=2"""
     true_size: str = ""
-    """Scale so that two points of the world, x,y,z,x,y,z, are a distance apart:
+    """Scale so that two points of the world get a given distance, x,y,z,x,y,z,distance:
     true_size=0,0,0,0,0,1,2.5"""
     align: str = ""
-    """Turn upright: the upward direction of cameras, or of the floor, becomes an axis:
-    align=cameras,z or align=floor,-y"""
+    """Turn the scene upright: the upward direction, as cameras or the floor show it, becomes an
+    axis: align=cameras,z or align=floor,-y"""
     floor: str = ""
     """Find the floor, and move it to this height along the upward axis: floor=0"""
     merge: str = ""
     """Add the splats of another file of the same world: merge=other.ply"""
     clean: str = ""
-    """Leave out faulty Gaussians: clean=all, or some of not_finite, invisible, degenerate, needles
-    (with commas)."""
+    """Leave out faulty Gaussians: clean=all, or some of not_finite, invisible, degenerate and
+    needles, separated by commas: clean=invisible,needles"""
     sh_degree: str = ""
     """Leave out view dependence above this degree, 0 to 4: sh_degree=1"""
     crop: Crop = field(default_factory=Crop)
@@ -130,15 +132,15 @@ class EditOptions(Options):
     decimate: Decimate = field(default_factory=Decimate)
     color: Color = field(default_factory=Color)
     edits: str = ""
-    """Repeat the steps of a file, at this place of the order: edits=OUT.edits.json"""
+    """Repeat the steps of an earlier edit, at this place in the order: edits=OUT.edits.json"""
     views: str = ""
-    """A run whose cameras saw the splats of FILE, in the same world. Empty: those of the run
-    itself; for a file 24 invented ones around it."""
+    """A run whose cameras saw the splats of FILE, in the same world. Empty: the cameras of the run
+    itself; for a file of splats, 24 invented ones around it."""
     time: float = 0.0
-    """Time of a moving model or file, in [0, 1], for a file of splats."""
+    """Time of a moving model or file, in [0, 1], if out holds splats at one time."""
     over_time: Literal["any", "all"] = "any"
-    """Regions keep a moving row of a model that is inside at any time, or at all times, when it
-    can be seen."""
+    """For moving models: a region holds a Gaussian that is inside it at any time at which it can be
+    seen, or at all of them."""
     step: int | None = None
     """Step of the run's checkpoint. none: the last."""
     data: str = ""
@@ -146,7 +148,7 @@ class EditOptions(Options):
     device: str = ""
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
     dry_run: bool = False
-    """Say the counts, and write nothing."""
+    """Print the counts, and write nothing."""
 
     def changed(self) -> Layer | None:
         """Settings that differ from the run's own; ``None`` for none."""
@@ -171,7 +173,7 @@ def run(arguments: list[str]) -> int:
     console, registry = Console(options.json), installed()
     steps = _steps(arguments)
     _check(options, steps)
-    found = find_run(options.file, console.say, splats=True)
+    found = find_run(options.file, console.say, splats=True, word="FILE")
     console.result(Session(options, given, steps, found, registry, console).run())
     return 0
 

@@ -24,8 +24,11 @@ def merge(text: str) -> Edit:
                 f"merge={text}: the rows of a model can only be left out, not added.",
                 "Write a splat format instead: out=FILE.ply",
             )
-        if not Path(text).is_file():
-            raise DataError(f"merge={text}: there is no such file.")
+        if not Path(text).exists():
+            raise DataError(
+                f"merge={text}: there is no such file.",
+                f"Give the path of a file of splats, absolute or from {Path.cwd()}.",
+            )
         own, other = piece.splats(), around.read(Path(text)).splats
         assert isinstance(own.colors, Sh)
         assert isinstance(other.colors, Sh)

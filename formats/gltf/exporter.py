@@ -64,6 +64,11 @@ class GltfExporter(Exporter):
 
     suffix = ".glb"
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return MOST_DEGREE
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 3 are left out.
 

@@ -60,6 +60,11 @@ class KsplatExporter(Exporter):
                 "Leave it out for 1. For smaller files: format=spz or format=sog.",
             )
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return MOST_DEGREE
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 2 are left out.
 

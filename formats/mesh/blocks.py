@@ -68,10 +68,7 @@ class Blocks:
             cells = cells[(np.abs(cells) < HALF_RANGE).all(axis=1)]
             known = np.union1d(known, keys_of(cells.astype(np.int64)))
             if len(known) * SIDE**3 > most:
-                raise ValueError(
-                    f"voxels of {voxel:g} are too small: the surface takes more than {most:,}. "
-                    "Lower format.resolution, raise format.voxel, or lower format.max_depth"
-                )
+                raise ValueError(f"the surface takes more than {most:,} voxels of {voxel:g}")
         return Blocks(origin, voxel, known)
 
     def __len__(self) -> int:

@@ -36,6 +36,7 @@ class MeshExporter(Exporter):
     """Fuses the depths that training views show into a signed distance, and meshes its zero."""
 
     suffix = ".mesh.ply"
+    other_suffixes = tuple(WRITERS)
     is_readable = False
     holds = Holds.DEPTHS
 
@@ -78,10 +79,14 @@ class MeshExporter(Exporter):
 
         Raises:
             OutputError: it cannot be written.
-            ValueError: no view shows a surface, or it takes too many voxels.
+            ConfigError: the suffix is of no mesh, or the voxels do not fit the scene.
+            ValueError: no view shows a surface.
         """
         if path.suffix.lower() not in WRITERS:
-            raise ValueError(f"meshes are written to {', '.join(WRITERS)}: not to {path.name}")
+            raise ConfigError(
+                f"format=mesh writes {', '.join(WRITERS)}, and no file such as {path.name}.",
+                f"Name it {path.with_suffix('.ply').name}, for example.",
+            )
         views = source.depth_views()
         write_mesh(path, self.mesh(views), views[0].up if views else "")
 
@@ -89,7 +94,8 @@ class MeshExporter(Exporter):
         """The mesh of what some views show.
 
         Raises:
-            ValueError: no view shows a surface, or it takes too many voxels.
+            ConfigError: the voxels do not fit the scene.
+            ValueError: no view shows a surface.
         """
         blocks, rule = self._grid(views)
         fused = fuse(blocks, views, rule)
@@ -116,9 +122,35 @@ class MeshExporter(Exporter):
         low, high = np.quantile(seen, [OUTSIDE, 1 - OUTSIDE], axis=0)
         side = max(float((high - low).max()), 1e-9)
         voxel = self.voxel or max(side / self.resolution, FINEST * footprint)
+        self._check_voxel(voxel, side)
         rule = FusionRule(TRUNCATION * voxel, reach, self.least_alpha)
         parts = (part for view in views for part in surface_points(view, rule))
-        return Blocks.around(parts, low, voxel, MOST_VOXELS), rule
+        try:
+            return Blocks.around(parts, low, voxel, MOST_VOXELS), rule
+        except ValueError as error:
+            raise self._too_fine(str(error)) from None
+
+    def _check_voxel(self, voxel: float, side: float) -> None:
+        """Check the size of a voxel against the longest side of the seen surfaces.
+
+        Raises:
+            ConfigError: it is larger, or too small for the grid.
+        """
+        if voxel > side:
+            raise ConfigError(
+                f"format.voxel={voxel:g} is larger than the surfaces, whose longest side is "
+                f"{side:.3g}.",
+                f"Give less, such as format.voxel={side / self.resolution:.2g}, or leave it out.",
+            )
+        if side / voxel > MOST_VOXELS:
+            raise self._too_fine(f"the surfaces are {side / voxel:.3g} such voxels long")
+
+    def _too_fine(self, cause: str) -> ConfigError:
+        """The error for voxels that are too small, with the option that chose their size."""
+        chosen, remedy = f"format.resolution={self.resolution}", "Lower it"
+        if self.voxel:
+            chosen, remedy = f"format.voxel={self.voxel:g}", "Raise it"
+        return ConfigError(f"{chosen}: {cause}.", f"{remedy}, or lower format.max_depth.")
 
 
 def _median_depth(views: Sequence[DepthView], least_alpha: float) -> tuple[float, float]:

@@ -49,6 +49,11 @@ class SogExporter(Exporter):
                 "many as are usual."
             )
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds."""
+        return MAX_DEGREE
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 3 are left out.
 

@@ -9,8 +9,9 @@ from jaxtyping import Float32, Int64, UInt8
 
 from gsfw.core.errors import COPY_AGAIN, DataError, UserError
 from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.files.size import bytes_of
 from gsfw.formats.sog import texels
-from gsfw.formats.sog.container import Container, opened
+from gsfw.formats.sog.container import Container, Folder, opened
 from gsfw.formats.sog.description import (
     MAX_PALETTE,
     Description,
@@ -67,6 +68,20 @@ class SogImporter(Importer):
             properties={name: text for name, text in about_file.items() if text},
             num_dropped=dropped,
         )
+
+    def size(self, path: Path) -> int:
+        """Bytes of the archive, or of the description and all of its images.
+
+        Raises:
+            DataError: as of ``read``.
+        """
+        with opened(path) as container:
+            if not isinstance(container, Folder):
+                return bytes_of(path)
+            about = read_description(container)
+            centroids = [about.palette.centroids] if about.palette else []
+            names = [container.description, *about.images, *centroids]
+            return sum(map(container.size, names))
 
 
 def _check_count(container: Container, about: Description) -> None:

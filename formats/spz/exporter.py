@@ -56,6 +56,11 @@ class SpzExporter(Exporter):
                 "Leave it out for 3, which most viewers read.",
             )
 
+    @property
+    def most_sh_degree(self) -> int:
+        """Highest SH degree that a file holds in this version."""
+        return MOST_DEGREE[self.version]
+
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above the degree of the version are left out.
 

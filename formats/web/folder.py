@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource, Holds
-from gsfw.core.files.atomic import atomic_file, write_atomically
+from gsfw.core.files.atomic import atomic_file, folder_or_nothing, write_atomically
 from gsfw.core.words import size
 from gsfw.formats.web.page import document, poster, social_image
 from gsfw.formats.web.scene_file import scene_file
@@ -51,11 +51,17 @@ class WebExporter(Exporter):
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the folder; the page, which names the other files, comes last.
 
+        An error leaves no new folder.
+
         Raises:
             OutputError: a file cannot be written.
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
         shown = Shown.of(source, self.title, self.background, self.sh_degree)
+        with folder_or_nothing(path):
+            self._write_files(path, shown)
+
+    def _write_files(self, path: Path, shown: Shown) -> None:
         count, digest = _write_scene(path / SCENE, scene_file(shown))
         images = {POSTER: poster(shown.preview), SOCIAL: social_image(shown.preview, SOCIAL_SIZE)}
         images = {name: image for name, image in images.items() if image}

@@ -68,6 +68,6 @@ def check_options(background: str, sh_degree: int) -> None:
     Raises:
         ConfigError: one is out of range.
     """
-    parse_background(background or AUTO)
+    parse_background(background or AUTO, key="format.background")
     if not 0 <= sh_degree <= MAX_DEGREE:
         raise ConfigError(f"format.sh_degree={sh_degree}: expected 0 to {MAX_DEGREE}.")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,6 +171,53 @@ def test_a_run_is_converted_at_a_time(moving_run, capsys):
     assert not torch.equal(*means)
 
 
+def test_a_moving_run_in_formats_of_all_times_has_its_counts_and_its_loss(moving_run, capsys):
+    for out in ("a.html", "a.splatv"):
+        found = converted(capsys, moving_run, out)
+        assert (found["num_gaussians"], found["fit_psnr"] > 40) == (found["num_pieces"], True)
+        assert main(["convert", str(moving_run), out]) == 0
+        assert f" moving splats, {found['fit_psnr']:.1f} dB from" in capsys.readouterr().out
+    count = converted(capsys, moving_run, "a.gsfw")["num_gaussians"]
+    assert main(["convert", "a.gsfw", "b.gsfw"]) == 0
+    assert f" with {count:,} Gaussians, of a.gsfw to b.gsfw, " in capsys.readouterr().out
+    assert converted(capsys, "a.splatv", "b.html")["num_gaussians"] == found["num_gaussians"]
+
+
+def test_a_name_of_another_format_is_refused(source, tmp_path, capsys):
+    assert refusal(capsys, source, "z.ply", "format=spz") == (
+        "z.ply: files that end in .ply have format ply, and format=spz is given.\n"
+        "Leave format out, or give another name: z.spz\n"
+    )
+    assert refusal(capsys, source, "z.ply", "format=web").endswith("give a folder: z\n")
+    assert refusal(capsys, source, "z.compressed.ply", "format=ply").endswith("name: z.ply\n")
+    assert not list(tmp_path.glob("z*"))
+    assert converted(capsys, source, "z.ply", "format=compressed-ply")["num_gaussians"] == 18
+    assert converted(capsys, source, "z.bin", "format=ply")["num_gaussians"] == 18
+
+
+def test_the_size_of_a_folder_counts_all_of_its_files(source, tmp_path, capsys):
+    converted(capsys, source, "a.sog")
+    with zipfile.ZipFile("a.sog") as archive:
+        archive.extractall("a")
+    (tmp_path / "a" / "notes.txt").write_text("not a part of it")
+    whole = sum(path.stat().st_size for path in (tmp_path / "a").glob("[!n]*"))
+    for given in ("a/meta.json", "a"):
+        assert converted(capsys, given, "b.ply", "check=false")["bytes_before"] == whole
+    assert main(["edit", "a/meta.json", "clean=all", "out=c.ply", "json=true"]) == 0
+    assert json.loads(capsys.readouterr().out)["bytes_before"] == whole
+    assert main(["info", "a/meta.json", "json=true"]) == 0
+    assert json.loads(capsys.readouterr().out)["bytes"] == whole
+
+
+def test_a_full_disk_leaves_nothing_and_the_advice_names_out(tmp_path, tiny_disk, capsys):
+    PlyExporter().write(tmp_path / "large.ply", SplatFile(splats(50_000, degree=1)))
+    for out, *form in (("site/new", "format=web"), ("new/a.ply",)):
+        said = refusal(capsys, "large.ply", tiny_disk / out, *form)
+        assert said.startswith("the disk is full: ")
+        assert said.endswith("Free some space, or choose another place for OUT.\n")
+        assert list(tiny_disk.iterdir()) == []
+
+
 def test_a_folder_as_out_takes_the_name_of_the_input(source, tmp_path, capsys):
     (tmp_path / "there").mkdir()
     found = converted(capsys, source, "there", "format=ply", "check=false")
@@ -202,6 +250,7 @@ def test_wrong_input_is_refused_with_cause_and_remedy(source, tmp_path, capsys):
     assert refusal(capsys, "inn.ply", "out.ply").startswith(
         "there is no run or splat file inn.ply. Did you mean 'in.ply'?\n"
     )
+    assert "IN is the folder that gsfw train made" in refusal(capsys, "inn.ply", "out.ply")
     (tmp_path / "empty").mkdir()
     assert "empty is not a run" in refusal(capsys, "empty", "out.ply")
     (tmp_path / "notes.txt").write_text("nothing")
@@ -211,7 +260,10 @@ def test_wrong_input_is_refused_with_cause_and_remedy(source, tmp_path, capsys):
     )
     assert refusal(capsys, source, "notes.txt/out.ply").startswith("notes.txt/out.ply cannot be")
     assert "expected a time in [0, 1]" in refusal(capsys, source, "o.ply", "time=2")
-    assert "expected 0 or more" in refusal(capsys, source, "o.ply", "sh_degree=-1")
+    assert "expected a degree from 0 to 4" in refusal(capsys, source, "o.ply", "sh_degree=-1")
+    assert refusal(capsys, source, "o.ksplat", "sh_degree=3").startswith(
+        "sh_degree=3: format ksplat holds degree 2 at most.\n"
+    )
     source.write_bytes(source.read_bytes()[:700])
     assert "in.ply" in refusal(capsys, "in.ply", "out.ply")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "in.ply", "notes.txt"]

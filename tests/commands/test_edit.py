@@ -99,7 +99,16 @@ def test_the_input_is_never_written_to(ply, tmp_path, capsys):
     assert "over_time=all" in refusal(capsys, ply, "over_time=all", f"out={tmp_path / 'a.ply'}")
     assert "crop.sphere=0,0,9,1 leaves none" in refusal(capsys, ply, "crop.sphere=0,0,9,1")
     assert "is a file of splats, and has no steps" in refusal(capsys, ply, "scale=2", "step=1")
-    assert "merge=no.ply: there is no such file" in refusal(capsys, ply, "merge=no.ply")
+    for key, remedy in (
+        ("merge", "Give the path of a file of splats"),
+        ("edits", "Give an .edits"),
+    ):
+        said = refusal(capsys, ply, f"{key}=no.ply")
+        assert said.startswith(f"error: {key}=no.ply: there is no such file.\n{remedy}")
+    out = f"out={tmp_path / 'a.ksplat'}"
+    assert "format ksplat holds degree 2 at most" in refusal(capsys, ply, "sh_degree=3", out)
+    assert "ply have format ply" in refusal(capsys, ply, "format=spz", f"out={tmp_path / 'a.ply'}")
+    assert "FILE is the folder that" in refusal(capsys, tmp_path / "no.ply", "scale=2")
     assert [path.name for path in tmp_path.iterdir()] == ["in.ply"]
 
 

@@ -27,6 +27,18 @@ def test_a_run_is_written_as_a_mesh_and_its_size_is_told(finished_run, tmp_path,
     assert "format=mesh is written at one time: leave out times." in capsys.readouterr().err
 
 
+def test_suffixes_and_voxels_that_do_not_fit_are_named(finished_run, tmp_path, capsys):
+    for name, given, expected in (
+        ("a.stl", "format.resolution=32", "format=mesh writes .ply, .obj, .glb, and no file such"),
+        ("a.ply", "format.voxel=1e-12", "format.voxel=1e-12: the surfaces are"),
+        ("a.ply", "format.voxel=1000", "format.voxel=1000 is larger than the surfaces, whose"),
+    ):
+        arguments = ["export", str(finished_run), "format=mesh", f"out={tmp_path / name}", given]
+        assert main(arguments) == 2
+        assert expected in capsys.readouterr().err
+    assert list(tmp_path.glob("a.*")) == []
+
+
 def test_depth_views_are_in_the_world_of_the_data(finished_run):
     restored = restore(RunFolder(finished_run), installed())
     views = RunSource(restored).depth_views()

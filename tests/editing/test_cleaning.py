@@ -1,5 +1,6 @@
 """Cleaning and floaters: what was planted is found, and nothing else."""
 
+import math
 from dataclasses import replace
 
 import torch
@@ -35,6 +36,15 @@ def test_every_planted_fault_is_found_alone():
     planted = replace(splats, means=means, opacities=opacities, scales=scales, quats=quats)
     found = {name: f(planted).nonzero()[:, 0].tolist() for name, f in cleaning.FAULTS.items()}
     assert found == {"not_finite": [3], "invisible": [5], "degenerate": [7, 8], "needles": [9]}
+
+
+def test_values_beyond_float32_are_not_finite():
+    splats = random_splats(6, 1, dtype=torch.float64)
+    means, scales = splats.means.clone(), splats.scales.clone()
+    means[1, 2] = 1e39
+    scales[2, 0], scales[3, 0], scales[4, 0] = 1e39, math.exp(88.5), math.exp(87.5)
+    wild = replace(splats, means=means, scales=scales)
+    assert cleaning.not_finite(wild).nonzero()[:, 0].tolist() == [1, 2, 3]
 
 
 def test_the_faintest_opacity_of_eight_bits_counts_as_visible_everywhere():

@@ -113,7 +113,7 @@ def test_depths_beyond_the_largest_do_not_count(views):
 
 def test_voxels_that_no_memory_holds_are_refused_before_they_are_made(views, monkeypatch):
     monkeypatch.setattr(exporter, "MOST_VOXELS", 1 << 15)
-    with pytest.raises(ValueError, match=r"takes more than 32,768\. Lower format\.resolution"):
+    with pytest.raises(ConfigError, match=r"format\.resolution=64: .* more than 32,768 voxels"):
         MeshExporter(resolution=64).mesh(views)
 
 
@@ -190,5 +190,5 @@ def test_gltf_turns_upwards_to_y(sphere, tmp_path):
 
 
 def test_other_suffixes_are_refused(views, tmp_path):
-    with pytest.raises(ValueError, match=r"meshes are written to \.ply, \.obj, \.glb"):
+    with pytest.raises(ConfigError, match=r"format=mesh writes \.ply, \.obj, \.glb"):
         MeshExporter().write(tmp_path / "a.stl", Source(views))

@@ -116,7 +116,7 @@ def test_options_replace_what_the_source_says(tmp_path):
 
 
 def test_wrong_options_are_refused_before_anything_is_written():
-    with pytest.raises(ConfigError, match="background=red"):
+    with pytest.raises(ConfigError, match=r"format\.background=red"):
         HtmlExporter(background="red")
     with pytest.raises(ConfigError, match=r"format\.sh_degree=-1: expected 0 to 4"):
         HtmlExporter(sh_degree=-1)
