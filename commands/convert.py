@@ -240,11 +240,10 @@ class _Conversion:
     def _smaller(self, content: SplatFile) -> tuple[SplatFile, int]:
         """The splats to be written, and the number of invisible ones that are not."""
         from gsfw.formats.visible_splats import without_invisible
-        from gsfw.studies.tradeoff.edits import ShTruncation
 
         degree = self.options.sh_degree
         if degree is not None:
-            content = replace(content, splats=ShTruncation(degree)(content.splats))
+            content = replace(content, splats=content.splats.up_to(degree))
         return without_invisible(content)
 
     def _bytes_before(self) -> int | None:

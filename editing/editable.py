@@ -13,7 +13,7 @@ from torch import Tensor
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.splats import Splats
 from gsfw.editing import colors
 from gsfw.editing.capture import Capture, Shares, shares
 from gsfw.editing.colors import ColorMap
@@ -119,8 +119,7 @@ class EditableSplats(Editable):
     @property
     def degree(self) -> int:
         """SH degree of the colours."""
-        splat_colors = self.content.splats.colors
-        return splat_colors.degree if isinstance(splat_colors, Sh) else 0
+        return self.content.splats.sh_degree
 
     def capture(self) -> Capture:
         """The cameras that saw it, rendered as the file asks."""
@@ -174,7 +173,7 @@ class EditableSplats(Editable):
 
     def truncated(self, degree: int) -> EditableSplats:
         """Leave out the SH bands above a degree."""
-        return self.with_splats(colors.truncated(self.content.splats, degree))
+        return self.with_splats(self.content.splats.up_to(degree))
 
 
 def to_world(splats: Splats, world: Similarity) -> Splats:

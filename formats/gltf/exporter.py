@@ -38,7 +38,6 @@ from gsfw.formats.gltf.layout import (
     WIDTHS,
     coefficient,
 )
-from gsfw.formats.sh_bands import at_most_degree, degree_of_splats
 from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, stored_parts
 
 MOST_BYTES = 2**32 - 1
@@ -73,10 +72,10 @@ class GltfExporter(Exporter):
                 the format; names the field and the row.
         """
         content = source.splat_file()
-        splats = at_most_degree(content.splats, MOST_DEGREE)
+        splats = content.splats.up_to(MOST_DEGREE)
         parts = stored_parts(splats)
         first = next(parts)  # Refuses what the header would not hold.
-        attributes = _attributes(degree_of_splats(splats))
+        attributes = _attributes(splats.sh_degree)
         places = list(accumulate((len(splats) * item.width for item in attributes), initial=0))
         text = _document(content, splats, attributes, places)
         start = GLB_HEADER.size + 2 * CHUNK.size + len(text)

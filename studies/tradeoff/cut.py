@@ -14,7 +14,6 @@ from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import is_dynamic
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
-from gsfw.studies.tradeoff.edits import ShTruncation
 from gsfw.studies.tradeoff.subject import Subject
 
 
@@ -33,7 +32,7 @@ def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Spl
 
     def edit(splats: Splats) -> Splats:
         splats = splats if kept is None else kept(splats)
-        return splats if sh_degree is None else ShTruncation(sh_degree)(splats)
+        return splats if sh_degree is None else splats.up_to(sh_degree)
 
     return edit
 
