@@ -11,13 +11,14 @@ from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from gsfw.core.exchange import SplatFile
+from gsfw.core.maths.axes import axis_vector
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Splats
 from gsfw.editing import colors
 from gsfw.editing.capture import Capture, Shares, shares
 from gsfw.editing.colors import ColorMap
-from gsfw.editing.transforms import composed, direction, up_after
+from gsfw.editing.transforms import composed, up_after
 
 Test = Callable[[Splats], Bool[Tensor, " n"]]
 """Chooses among splats, which are in the world of the data with quaternions and scales."""
@@ -95,7 +96,7 @@ class Editable(ABC):
 
     def upward(self) -> Float64[Tensor, " 3"] | None:
         """The upward direction in the world of now; ``None`` when unknown."""
-        return direction(self.up) if self.up.strip() else None
+        return axis_vector(self.up) if self.up.strip() else None
 
 
 @dataclass(frozen=True)

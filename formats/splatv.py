@@ -30,9 +30,9 @@ from gsfw.core.exchange import (
     Motion,
     MotionFile,
     SplatFile,
-    stated_up,
 )
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.maths.axes import known_or_usual_up, stated_axis
 from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.rotations import unit_quaternions
 from gsfw.core.maths.spherical_harmonics import C0
@@ -122,11 +122,7 @@ def _camera(content: SplatFile) -> dict[str, Any]:
     sample = content.splats.means[:: len(content.splats) // 100_000 + 1]
     middle = sample.median(dim=0).values
     size = float((sample - middle).abs().median(dim=0).values.norm()) * 1.5
-    up = torch.zeros(3, dtype=torch.float64)
-    axis = content.up.strip().lstrip("+-").lower()
-    up["xyz".index(axis) if axis in ("x", "y", "z") else 1] = 1.0
-    if content.up.strip().startswith("-") or axis not in ("x", "y", "z"):
-        up = -up
+    up = known_or_usual_up(content.up)
     place = middle + DISTANCE * max(size, 1e-6) * (up.roll(1).abs() * -1.0 + 0.3 * up)
     pose = look_at(place[None], middle, up)[0]
     return {
@@ -237,7 +233,7 @@ class SplatvImporter(Importer):
         fields = HeaderFields(path, "gsfw", about)
         times = float(fields.numbers("first_time")), float(fields.numbers("last_time"))
         stated = replace(
-            content, up=stated_up(fields.text("up")), antialiased=fields.flag("antialiased")
+            content, up=stated_axis(fields.text("up")), antialiased=fields.flag("antialiased")
         )
         still = fields.flag("still")
         return MotionFile(stated, motion, None if still else times, fields.count("frames", 1))

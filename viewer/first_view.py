@@ -10,13 +10,13 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
+from gsfw.core.maths.axes import known_axis
 from gsfw.core.maths.camera_path import up_direction, viewing_center
 from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 from gsfw.viewer.view_state import Box, Pose, Vector
 from gsfw.viewer.viewed_model import ViewedModel
 
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 OUTSIDE = 0.02
 """Part of the Gaussians that may lie outside the scene on each side: they float far away."""
 
@@ -66,12 +66,10 @@ def _joined(cameras: Sequence[Cameras]) -> Cameras:
 
 def _up(model: ViewedModel, cameras: Sequence[Cameras]) -> Tensor:
     """The upward direction in the scene frame: as the data says, else that of its cameras."""
-    stated = model.scene.up.strip()
-    if stated.lstrip("+-") in AXES:
-        sign = -1.0 if stated.startswith("-") else 1.0
-        world = sign * torch.tensor(AXES[stated.lstrip("+-")], dtype=torch.float64)
-        return _unit(model.scene.world_from_scene.rotation.T @ world)
-    return up_direction(_joined(cameras))
+    world = known_axis(model.scene.up)
+    if world is None:
+        return up_direction(_joined(cameras))
+    return _unit(model.scene.world_from_scene.rotation.T @ world)
 
 
 def _bounds(splats: Splats) -> Box:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.core.exchange import Importer, SplatFile, stated_up
+from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Splats
 from gsfw.formats.activation import log_scales_of, logits_of
@@ -63,7 +64,7 @@ class GltfImporter(Importer):
             Splats.cat([splats for splats, _ in read]),
             antialiased=ours.get("antialiased") is True,
             # The format's y axis points up; files of gsfw say what they know.
-            up=stated_up(ours.get("up", "-y")),
+            up=stated_axis(ours.get("up", "-y")),
             properties={
                 "sets of splats": str(len(used)),
                 **({"generator": generator} if isinstance(generator, str) else {}),

@@ -17,6 +17,7 @@ from jaxtyping import UInt8
 
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
+from gsfw.core.maths.axes import stated_axis
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
     BINARY_CHUNK,
@@ -103,7 +104,7 @@ def _write_glb(file: BinaryIO, mesh: Mesh, up: str) -> None:
 def _gltf(mesh: Mesh, up: str, sizes: Sequence[int]) -> dict[str, object]:
     """The JSON of a .glb, for buffers of positions, colours and triangles of these sizes."""
     places, count = mesh.vertices.astype("<f4"), len(mesh.vertices)
-    turn = TO_Y_UP.get(up.strip().lstrip("+").lower(), TO_Y_UP["y"])
+    turn = TO_Y_UP.get(stated_axis(up).removeprefix("+"), TO_Y_UP["y"])
     node: dict[str, object] = {"mesh": 0}
     if turn != TO_Y_UP["y"]:
         node["matrix"] = [*turn[:3], 0, *turn[3:6], 0, *turn[6:], 0, 0, 0, 0, 1]
