@@ -32,10 +32,11 @@ from gsfw.core.exchange import (
     SplatFile,
 )
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.reading import readable
 from gsfw.core.maths.axes import known_or_usual_up, stated_axis
 from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.rotations import unit_quaternions
-from gsfw.core.maths.spherical_harmonics import C0
+from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc
 from gsfw.core.motion.evaluation import recentered, splats_at
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.header_fields import HeaderFields
@@ -143,7 +144,7 @@ def _records(file: MotionFile) -> Iterator[np.ndarray]:
         splats, motion = _at_half_centers(file.content.splats.take(rows), file.motion.take(rows))
         if not isinstance(splats.colors, Sh) or splats.quats is None or splats.scales is None:
             raise ValueError("files hold splats in quats-and-scales form with SH colours")
-        rgb = 0.5 + C0 * splats.colors.coefficients[:, 0].double()
+        rgb = dc_to_rgb(splats.colors.coefficients[:, 0].double())
         rgba = torch.cat([rgb, splats.opacities[:, None]], dim=1).nan_to_num(-1.0)
         if bool((rgba[:, 3] < 0).any() or not splats.colors.coefficients.isfinite().all()):
             raise ValueError("colors or opacities are not finite")
@@ -241,13 +242,10 @@ class SplatvImporter(Importer):
 
 def _read_header(path: Path) -> tuple[HeaderFields, int, int]:
     """The entry of the splats, the first byte and the number of records, checked by the size."""
-    try:
-        with path.open("rb") as file:
-            magic, length = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").tolist()
-            text = file.read(min(length, MAX_HEADER))
+    with readable(path), path.open("rb") as file:
+        magic, length = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").tolist()
+        text = file.read(min(length, MAX_HEADER))
         size = path.stat().st_size
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
     if magic != MAGIC:
         raise DataError(f"{path} is not a splaTV file: it does not begin with its magic number.")
     if length > MAX_HEADER or len(text) < length:
@@ -302,7 +300,7 @@ def _activated(path: Path, records: np.ndarray) -> tuple[SplatFile, Motion]:
     splats = Splats(
         means=kept["means"],
         opacities=rgba[:, 3],
-        colors=Sh(((rgba[:, :3] - 0.5) / C0)[:, None], 0),
+        colors=Sh(rgb_to_dc(rgba[:, :3])[:, None], 0),
         quats=unit_quaternions(kept["quats"]),
         scales=kept["scales"].abs(),
     )

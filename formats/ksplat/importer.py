@@ -11,6 +11,7 @@ from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.files.reading import readable
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.formats.activation import dc_of, log_scales_of, logits_of
 from gsfw.formats.ksplat.layout import (
@@ -65,10 +66,8 @@ class KsplatImporter(Importer):
         Raises:
             DataError: it is damaged or not of this format.
         """
-        try:
+        with readable(path):
             raw = path.read_bytes()
-        except OSError as error:
-            raise DataError(f"{path} cannot be read: {error.strerror}.") from None
         header = _main_header(raw[: MAIN.size])
         if header is None or len(raw) < MAIN_BYTES:
             raise DataError(
