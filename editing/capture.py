@@ -11,6 +11,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import spread
+from gsfw.core.loop.contributions import view_contributions
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
@@ -68,20 +69,14 @@ def shares(
     """
     total = torch.zeros(num_rows, dtype=torch.float64)
     views = torch.zeros(num_rows, dtype=torch.int64)
-    for camera in tracked(capture.sampled(), "measuring contributions", len(capture.sampled())):
-        seen = camera.to(capture.device)
-        splats = splats_at(None if seen.time is None else seen.time[0])
-        added = capture.rasterizer.contributions(splats, seen, settings=capture.settings)
-        added = added.sum(0).double().cpu()
-        rows = slice(None) if splats.rows is None else splats.rows.cpu()
-        total[rows] += added
-        views[rows] += (added >= SEEN).long()
+    cameras = tracked(capture.sampled(), "measuring contributions", len(capture.sampled()))
+    seen = (camera.to(capture.device) for camera in cameras)
+    for added in view_contributions(
+        seen, splats_at, capture.rasterizer, capture.settings, num_rows
+    ):
+        total += added
+        views += (added >= SEEN).long()
     return Shares(total, views)
-
-
-def most_useful(scores: Float[Tensor, " n"], count: int) -> Int[Tensor, " m"]:
-    """The rows of the highest scores, in their order; of equal ones the first."""
-    return scores.argsort(descending=True, stable=True)[:count].sort().values
 
 
 def row_mask(rows: Int[Tensor, " m"], count: int) -> Bool[Tensor, " n"]:

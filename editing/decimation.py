@@ -14,8 +14,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.loop.contributions import highest_rows
 from gsfw.core.splats import Sh
-from gsfw.editing.capture import most_useful, row_mask
+from gsfw.editing.capture import row_mask
 from gsfw.editing.editable import EditableSplats
 from gsfw.editing.editable_model import EditableModel
 from gsfw.editing.merging import merged_down
@@ -69,7 +70,7 @@ def decimate_model(given: EditableModel, count: int) -> Decimated | None:
 
     ``None`` if its colours cannot be refitted; the rows are left out all the same.
     """
-    rows = row_mask(most_useful(given.shares().total, count), len(given))
+    rows = row_mask(highest_rows(given.shares().total, count), len(given))
     if not given.can_refit():
         given.keep(rows)
         return None
@@ -101,7 +102,7 @@ def _fewer(
     ordered = scores.sort().values
     below = int((ordered.cumsum(0) < part * ordered.sum()).sum())
     unused = min(below, len(given) - count)
-    rows = most_useful(scores, len(given) - unused)
+    rows = highest_rows(scores, len(given) - unused)
     splats = given.splats().take(rows)
     if len(rows) > count:
         splats = merged_down(splats, scores[rows], count)

@@ -8,7 +8,9 @@ from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.datamanager import Split
+from gsfw.core.loop.contributions import view_contributions
 from gsfw.core.progress import tracked
+from gsfw.core.splats import Splats
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import installed
@@ -31,11 +33,14 @@ def training_contributions(composition: Composition) -> Float[Tensor, " n"] | No
     total = torch.zeros(parts.model.num_rows, dtype=torch.float64)
     cameras = parts.data.views(Split.TRAIN).cameras
     what = "measuring what each Gaussian adds to the training views"
-    for camera in tracked(cameras, what, len(cameras)):
-        seen = camera.to(parts.device, torch.float32)
-        splats = parts.model.splats(None if seen.time is None else seen.time[0])
-        splats = splats.map(lambda tensor: tensor.detach().float())
-        added = parts.rasterizer.contributions(splats, seen, settings=settings)
-        rows = slice(None) if splats.rows is None else splats.rows.cpu()
-        total[rows] += added.sum(0).double().cpu()
+    shown = tracked(cameras, what, len(cameras))
+    seen = (camera.to(parts.device, torch.float32) for camera in shown)
+
+    def splats_at(time: Float[Tensor, ""] | None) -> Splats:
+        return parts.model.splats(time).map(lambda tensor: tensor.detach().float())
+
+    for added in view_contributions(
+        seen, splats_at, parts.rasterizer, settings, parts.model.num_rows
+    ):
+        total += added
     return total

@@ -5,8 +5,9 @@ from __future__ import annotations
 from jaxtyping import Bool
 from torch import Tensor
 
+from gsfw.core.loop.contributions import highest_rows
 from gsfw.editing import cleaning, floaters
-from gsfw.editing.capture import most_useful, row_mask
+from gsfw.editing.capture import row_mask
 from gsfw.editing.editable import Editable, Test
 from gsfw.editing.operations.edit import Edit, Edited, Surroundings, keeping, real_capture
 from gsfw.editing.operations.values import number, whole
@@ -26,7 +27,7 @@ def prune_contribution(text: str) -> Edit:
 
     def rows(piece: Editable) -> Bool[Tensor, " n"]:
         count = max(1, round((1 - part) * len(piece)))
-        return row_mask(most_useful(piece.shares().total, count), len(piece))
+        return row_mask(highest_rows(piece.shares().total, count), len(piece))
 
     return keeping(rows)
 

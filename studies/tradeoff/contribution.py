@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.loop.contributions import highest_rows
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.core.splats import Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
@@ -62,8 +63,7 @@ def most_useful(scores: Float[Tensor, " n"], part: float) -> Int[Tensor, " m"]:
         scores: of each row.
         part: of all rows, in (0, 1]; at least one row is kept.
     """
-    count = max(1, round(part * len(scores)))
-    return scores.argsort(descending=True, stable=True)[:count].sort().values
+    return highest_rows(scores, max(1, round(part * len(scores))))
 
 
 @dataclass(frozen=True)
