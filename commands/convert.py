@@ -190,7 +190,7 @@ class _Conversion:
             "source": self.options.source,
             "written": str(self.path),
             "format": self.form,
-            "bytes_before": self._bytes_before(),
+            "bytes_before": self.found.num_bytes,
             "bytes": bytes_of(self.path),
         }
         if taken.splats is None:
@@ -245,11 +245,6 @@ class _Conversion:
         if degree is not None:
             content = replace(content, splats=content.splats.up_to(degree))
         return without_invisible(content)
-
-    def _bytes_before(self) -> int | None:
-        """Size of IN; ``None`` for a run, which is more than a model."""
-        file = self.found.splat_file or self.found.model_file
-        return None if file is None else bytes_of(file)
 
     def _sizes(self, document: Mapping[str, Any]) -> str:
         """OUT with its size: "b.ply, 2.0 MB (4.1 times smaller)"."""

@@ -73,7 +73,7 @@ class Session:
             "written": None,
             "steps": [result.document() for result in results],
             "num_gaussians": len(piece),
-            "bytes_before": _num_bytes(self.found),
+            "bytes_before": self.found.num_bytes,
         }
         if self.options.dry_run:
             self.console.say(f"{output.path} would hold {len(piece):,} Gaussians: nothing written")
@@ -230,7 +230,7 @@ class Session:
             raise DataError(f"{output.path}: format {output.format} cannot hold this: {error}.",
                 "clean=all leaves out what no format can hold.") from error  # fmt: skip
         write_atomically(output.steps, write_steps(results, self.found.name))
-        after, before = bytes_of(output.path), _num_bytes(self.found)
+        after, before = bytes_of(output.path), self.found.num_bytes
         sizes = size(after) if before is None else f"{size(before)} -> {size(after)}"
         self.console.say(
             f"{len(piece):,} Gaussians, {sizes}: {output.path}\n"
@@ -253,9 +253,3 @@ class _EditedModel(ExportSource):
     def contributions(self) -> Float[Tensor, " n"] | None:
         """Those of the edited rows to the training views, which moved with the world."""
         return self.run.contributions()
-
-
-def _num_bytes(found: RunArgument) -> int | None:
-    """Size of the input; ``None`` for a run, which is more than a model."""
-    given = found.splat_file or found.model_file
-    return None if given is None else bytes_of(given)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.run_history import remembered_runs
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.size import bytes_of
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 
@@ -44,6 +45,12 @@ class RunArgument:
     def name(self) -> str:
         """Path of the run or file, for messages and results."""
         return str(self.model_file or self.splat_file or self.folder.path)
+
+    @property
+    def num_bytes(self) -> int | None:
+        """Size of the file; ``None`` for a run, which is more than a model."""
+        file = self.splat_file or self.model_file
+        return None if file is None else bytes_of(file)
 
 
 def find_run(text: str, say: Callable[[str], None], splats: bool = False) -> RunArgument:
