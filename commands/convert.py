@@ -196,7 +196,7 @@ class _Conversion:
             "source": self.options.source,
             "written": str(self.path),
             "format": self.form,
-            "bytes_before": self._bytes_before(),
+            "bytes_before": self.found.num_bytes(self.registry),
             "bytes": bytes_of(self.path),
         }
         if taken.splats is None:
@@ -267,20 +267,11 @@ class _Conversion:
     def _smaller(self, content: SplatFile) -> tuple[SplatFile, int]:
         """The splats to be written, and the number of invisible ones that are not."""
         from gsfw.formats.visible_splats import without_invisible
-        from gsfw.studies.tradeoff.edits import ShTruncation
 
         degree = self.options.sh_degree
         if degree is not None:
-            content = replace(content, splats=ShTruncation(degree)(content.splats))
+            content = replace(content, splats=content.splats.up_to(degree))
         return without_invisible(content)
-
-    def _bytes_before(self) -> int | None:
-        """Size of IN; ``None`` for a run, which is more than a model."""
-        from gsfw.plugins.initial_splats import splat_bytes
-
-        if self.found.splat_file is not None:
-            return splat_bytes(self.found.splat_file, self.registry)
-        return None if self.found.model_file is None else bytes_of(self.found.model_file)
 
     def _sizes(self, document: Mapping[str, Any]) -> str:
         """OUT with its size: "b.ply, 2.0 MB (4.1 times smaller)"."""

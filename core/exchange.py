@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -23,17 +22,6 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.temporal_metrics.tracks import Tracks
-
-AXIS = re.compile(r"[+-]?[xyz]")
-
-
-def stated_up(stated: object) -> str:
-    """The up direction that a file states, such as "-y"; empty for what names no axis.
-
-    Other tools write any text there, or none: it is unknown then, and the splats are read.
-    """
-    name = stated.strip().lower() if isinstance(stated, str) else ""
-    return name if AXIS.fullmatch(name) else ""
 
 
 class ExportSource:

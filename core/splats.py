@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+
+from gsfw.core.maths.spherical_harmonics import num_coefficients
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Sh:
 
         Differentiable; k = (degree + 1) squared, or fewer if dense rows have no more.
         """
-        count = (self.degree + 1) ** 2
+        count = num_coefficients(self.degree)
         if self.rest is None:
             return self.coefficients[:, :count]
         if self.offsets is None:
@@ -78,6 +80,46 @@ class Sh:
         offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
         return Sh(dense[:, :1], self.degree, dense[:, 1:][present], offsets)
 
+    def up_to(self, degree: int) -> Sh:
+        """The colours without the bands above a degree; dense rows share memory with these."""
+        if self.degree <= degree:
+            return self
+        count = num_coefficients(degree)
+        if self.rest is None:
+            return Sh(self.coefficients[:, :count], degree)
+        if count == 1:
+            return Sh(self.coefficients, degree)
+        if self.offsets is None:
+            return Sh(self.coefficients, degree, self.rest[:, : count - 1])
+        lengths = self.offsets.diff()
+        place = torch.arange(len(self.rest), device=lengths.device)
+        place = place - self.offsets[:-1].repeat_interleave(lengths)
+        offsets = torch.cat([lengths.new_zeros(1), lengths.clamp_max(count - 1).cumsum(0)])
+        return Sh(self.coefficients, degree, self.rest[place < count - 1], offsets)
+
+    @staticmethod
+    def cat(parts: Sequence[Sh]) -> Sh:
+        """The colours of several sets, one after the other, of the highest of their degrees.
+
+        Sets of one form keep it; dense ones get zeros for the bands that others have.
+        """
+        degree = max(part.degree for part in parts)
+        # Bands above the degree of a set are ignored, and must not be drawn at a higher one.
+        parts = [
+            part if part.degree == degree else replace(part, degree=degree).up_to(part.degree)
+            for part in parts
+        ]
+        if len({(part.rest is None, part.offsets is None) for part in parts}) > 1:
+            parts = [Sh(part.dense(), part.degree) for part in parts]
+        constant = _padded([part.coefficients for part in parts])
+        rests = [part.rest for part in parts if part.rest is not None]
+        offsets = [part.offsets for part in parts if part.offsets is not None]
+        if not offsets:
+            return Sh(constant, degree, _padded(rests) if rests else None)
+        lengths = torch.cat([part.diff() for part in offsets])
+        starts = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
+        return Sh(constant, degree, torch.cat(rests), starts)
+
     def take(self, rows: Int[Tensor, " r"]) -> Sh:
         """The colours of some splats, in the order of ``rows``."""
         if self.rest is None or self.offsets is None:
@@ -88,6 +130,36 @@ class Sh:
         places = torch.arange(len(shift), device=shift.device) + shift
         constant = self.coefficients.index_select(0, rows)
         return Sh(constant, self.degree, self.rest.index_select(0, places), offsets)
+
+
+def _padded(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "n k 3"]:
+    """Rows of coefficients, one set after the other, with zeros up to the widest."""
+    width = max(part.shape[1] for part in parts)
+    return torch.cat(
+        [
+            part
+            if part.shape[1] == width
+            else torch.nn.functional.pad(part, (0, 0, 0, width - part.shape[1]))
+            for part in parts
+        ]
+    )
+
+
+def cat_colors(
+    parts: Sequence[Sh | Float[Tensor, "_ d"]],
+) -> Sh | Float[Tensor, "n d"]:
+    """The colours of several sets of splats, one after the other.
+
+    Raises:
+        ValueError: some are SH colours, and others channels.
+    """
+    harmonics = [part for part in parts if isinstance(part, Sh)]
+    channels = [part for part in parts if isinstance(part, Tensor)]
+    if harmonics and channels:
+        raise ValueError(
+            "some of the splats have SH colours, and others channels; join splats of one kind"
+        )
+    return Sh.cat(harmonics) if harmonics else torch.cat(channels)
 
 
 @dataclass(frozen=True)
@@ -118,6 +190,11 @@ class Splats:
     def channels(self) -> int:
         """Number of colour channels."""
         return 3 if isinstance(self.colors, Sh) else self.colors.shape[1]
+
+    @property
+    def sh_degree(self) -> int:
+        """The active SH degree; 0 for channels, which do not depend on the direction."""
+        return self.colors.degree if isinstance(self.colors, Sh) else 0
 
     def tensors(self) -> dict[str, Tensor]:
         """All floating-point tensors, by field name."""
@@ -162,6 +239,46 @@ class Splats:
             return replace(replace(self, rows=None).map(taken), rows=drawn)
         bare = replace(self, rows=None, colors=self.means).map(taken)
         return replace(bare, colors=self.colors.take(rows), rows=drawn)
+
+    def up_to(self, degree: int) -> Splats:
+        """The splats without SH bands above a degree (``Sh.up_to``); channels stay as they are."""
+        colors = self.colors
+        if not isinstance(colors, Sh) or colors.degree <= degree:
+            return self
+        return replace(self, colors=colors.up_to(degree))
+
+    @staticmethod
+    def cat(parts: Sequence[Splats]) -> Splats:
+        """The splats of several sets, one after the other, with colours as of ``Sh.cat``.
+
+        Fields that some sets have and others do not, such as ``rows``, are left out.
+
+        Raises:
+            ValueError: the sets differ in the form of their shapes, or in the kind of their
+                colours.
+        """
+        if len(parts) == 1:
+            return parts[0]
+        if len({part.covariances is None for part in parts}) > 1:
+            raise ValueError(
+                "some of the splats have covariances, and others quaternions and scales; bring "
+                "all into one form before joining them"
+            )
+
+        def joined(field: Callable[[Splats], Tensor | None]) -> Tensor | None:
+            found = [tensor for tensor in map(field, parts) if tensor is not None]
+            return torch.cat(found) if len(found) == len(parts) else None
+
+        return Splats(
+            means=torch.cat([part.means for part in parts]),
+            opacities=torch.cat([part.opacities for part in parts]),
+            colors=cat_colors([part.colors for part in parts]),
+            quats=joined(lambda part: part.quats),
+            scales=joined(lambda part: part.scales),
+            covariances=joined(lambda part: part.covariances),
+            extra=joined(lambda part: part.extra),
+            rows=joined(lambda part: part.rows),
+        )
 
     def to(self, device: torch.device | str) -> Splats:
         """Move the splats to another device; splats on the meta device stay there."""

@@ -1,4 +1,4 @@
-"""Colours: linear maps of view-dependent colours, and their degree.
+"""Colours: linear maps of view-dependent colours.
 
 A map of colours M c + b is exact for spherical harmonics: each coefficient is multiplied by M, and
 b goes into the constant one. A render then has M of its colours wherever no colour is clamped at 0.
@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from gsfw.core.maths.spherical_harmonics import C0, num_coefficients
+from gsfw.core.maths.spherical_harmonics import C0
 from gsfw.core.splats import Sh, Splats
 
 LUMA = (0.2126, 0.7152, 0.0722)
@@ -80,23 +80,6 @@ def recolored(splats: Splats, change: ColorMap) -> Splats:
         return replace(
             splats, colors=colors @ change.matrix.T.to(colors) + change.offset.to(colors)
         )
-    dense = replace(colors, degree=colors.degree).dense()
+    dense = colors.dense()
     dc, rest = change.constant(dense[:, :1]), change.others(dense[:, 1:])
     return replace(splats, colors=Sh(torch.cat([dc, rest], dim=1), colors.degree))
-
-
-def truncated(splats: Splats, degree: int) -> Splats:
-    """Splats without SH bands above a degree."""
-    colors = splats.colors
-    if not isinstance(colors, Sh) or colors.degree <= degree:
-        return splats
-    left = colors.dense()[:, : num_coefficients(degree)].contiguous()
-    return replace(splats, colors=Sh(left, degree))
-
-
-def of_degree(colors: Sh, degree: int) -> Sh:
-    """Dense colours of a degree: cut, or filled with zeros."""
-    dense = colors.dense()[:, : num_coefficients(degree)]
-    missing = num_coefficients(degree) - dense.shape[1]
-    zeros = dense.new_zeros(len(dense), missing, 3)
-    return Sh(torch.cat([dense, zeros], dim=1), degree)

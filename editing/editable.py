@@ -13,13 +13,14 @@ from torch import Tensor
 
 from gsfw.core.contributions import Contributions
 from gsfw.core.exchange import SplatFile
+from gsfw.core.maths.axes import axis_vector
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Sh, Splats
 from gsfw.editing import colors
 from gsfw.editing.capture import Capture
 from gsfw.editing.colors import ColorMap
-from gsfw.editing.transforms import composed, direction, up_after
+from gsfw.editing.transforms import composed, up_after
 
 Test = Callable[[Splats], Bool[Tensor, " n"]]
 """Chooses among splats, which are in the world of the data with quaternions and scales."""
@@ -133,7 +134,7 @@ class Editable(ABC):
 
     def upward(self) -> Float64[Tensor, " 3"] | None:
         """The upward direction in the world of now; ``None`` when unknown."""
-        return direction(self.up) if self.up.strip() else None
+        return axis_vector(self.up) if self.up.strip() else None
 
 
 @dataclass(frozen=True)
@@ -158,8 +159,7 @@ class EditableSplats(Editable):
     @property
     def degree(self) -> int:
         """SH degree of the colours."""
-        splat_colors = self.content.splats.colors
-        return splat_colors.degree if isinstance(splat_colors, Sh) else 0
+        return self.content.splats.sh_degree
 
     def capture(self) -> Capture:
         """The cameras that saw it, rendered as the file asks."""
@@ -241,7 +241,7 @@ class EditableSplats(Editable):
 
     def truncated(self, degree: int) -> EditableSplats:
         """Leave out the SH bands above a degree."""
-        return self.with_splats(colors.truncated(self.content.splats, degree))
+        return self.with_splats(self.content.splats.up_to(degree))
 
 
 def to_world(splats: Splats, world: Similarity) -> Splats:

@@ -59,8 +59,7 @@ class EditableModel(Editable):
     @property
     def degree(self) -> int:
         """SH degree of the colours."""
-        found = self._at(self.time).colors
-        return found.degree if isinstance(found, Sh) else 0
+        return self._at(self.time).sh_degree
 
     def capture(self) -> Capture:
         """The cameras of the training."""

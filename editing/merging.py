@@ -43,7 +43,7 @@ def merged_down(splats: Splats, weights: Float[Tensor, " n"], count: int) -> Spl
         left[first], left[second] = False, False
         parents = _merged(splats, first, second)
         rest = splats.take(left.nonzero()[:, 0])
-        splats = joined(rest, parents)
+        splats = Splats.cat([rest, parents])
         weights = torch.cat([weights[left], weights[first] + weights[second]])
     return splats
 
@@ -110,7 +110,7 @@ def _merged(splats: Splats, first: Int[Tensor, " p"], second: Int[Tensor, " p"])
     colors = weights[0] * one.colors.dense() + weights[1] * other.colors.dense()
     placed = replace(
         one, means=means, covariances=parts[0] + parts[1], quats=None, scales=None,
-        colors=Sh(colors, one.colors.degree),
+        colors=Sh(colors, one.colors.degree), extra=None, rows=None,
     )  # fmt: skip
     merged = with_axes(placed)
     opacities = masses.sum(0) / _areas(merged).clamp_min(1e-300)
@@ -138,22 +138,3 @@ def _covariances(splats: Splats) -> Float[Tensor, "n 3 3"]:
 
 def _outer(offsets: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 3"]:
     return offsets[:, :, None] * offsets[:, None, :]
-
-
-def joined(first: Splats, second: Splats) -> Splats:
-    """The splats of both; their colours have one degree."""
-    colors, others = first.colors, second.colors
-    assert isinstance(colors, Sh)
-    assert isinstance(others, Sh)
-    assert first.quats is not None
-    assert first.scales is not None
-    assert second.quats is not None
-    assert second.scales is not None
-    dense = torch.cat([colors.dense(), others.dense().to(colors.coefficients)])
-    return Splats(
-        means=torch.cat([first.means, second.means]),
-        opacities=torch.cat([first.opacities, second.opacities]),
-        colors=Sh(dense, colors.degree),
-        quats=torch.cat([first.quats, second.quats]),
-        scales=torch.cat([first.scales, second.scales]),
-    )

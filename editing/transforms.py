@@ -8,13 +8,9 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
+from gsfw.core.maths.axes import axis_name, axis_vector
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.core.maths.similarity import Similarity
-
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-"""Unit vectors of the axes by name."""
-AXIS_ERROR = 1e-3
-"""Length of the difference below which a direction is an axis, and is called so."""
 
 
 def composed(second: Similarity, first: Similarity) -> Similarity:
@@ -71,28 +67,6 @@ def rotation_between(
     return rotate(axis, math.degrees(math.atan2(sine, cosine))).rotation
 
 
-def direction(name: str) -> Float64[Tensor, " 3"]:
-    """The unit vector of "x", "+x", "-x" and so on.
-
-    Raises:
-        ValueError: it is the name of no axis.
-    """
-    axis = AXES.get(name.strip().lower().removeprefix("+").removeprefix("-"))
-    if axis is None:
-        raise ValueError(f"{name!r} is no axis: expected x, y, z, -x, -y or -z")
-    sign = -1.0 if name.strip().startswith("-") else 1.0
-    return sign * torch.tensor(axis, dtype=torch.float64)
-
-
-def axis_name(vector: Float64[Tensor, " 3"]) -> str:
-    """The name of the axis along a unit vector, such as "-y"; empty if there is none."""
-    for name, axis in AXES.items():
-        for sign, prefix in ((1.0, ""), (-1.0, "-")):
-            if float((vector - sign * torch.tensor(axis).to(vector)).norm()) < AXIS_ERROR:
-                return f"{prefix}{name}"
-    return ""
-
-
 def up_after(up: str, similarity: Similarity) -> str:
     """The up direction of a file after a transform; empty if it is along no axis any more."""
-    return axis_name(similarity.rotation @ direction(up)) if up.strip() else ""
+    return axis_name(similarity.rotation @ axis_vector(up)) if up.strip() else ""

@@ -14,7 +14,8 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
-from gsfw.core.exchange import StoredColumn, StoredModel, stated_up
+from gsfw.core.exchange import StoredColumn, StoredModel
+from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import RenderSettings
@@ -196,7 +197,7 @@ def _scene(fields: JsonFields, views: Mapping[Split, Views]) -> Scene:
         time_range=None if times is None else (float(times[0]), float(times[1])),
         num_times=fields.count("num_times"),
         has_alpha=fields.flag("has_alpha"),
-        up=stated_up(fields.text("up")),
+        up=stated_axis(fields.text("up")),
     )
 
 

@@ -23,8 +23,9 @@ from gsfw.core.errors import DataError
 from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import is_ply
+from gsfw.core.files.reading import readable
 from gsfw.core.splats import Splats
-from gsfw.formats.activation import dc_of, logits_of
+from gsfw.formats.activation import dc_of, logits_of, to_bytes
 from gsfw.formats.stored_rows import (
     MIN_LOG_SCALE,
     StoredRows,
@@ -73,15 +74,11 @@ def _records(part: StoredRows) -> Shaped[np.ndarray, " n"]:
     records = np.empty(len(part), RECORD)
     records["mean"] = part.means
     records["scale"] = np.exp(part.log_scales.astype(np.float64))
-    records["rgba"] = _bytes(255 * np.column_stack([part.rgb, part.opacities]))
+    records["rgba"] = to_bytes(255 * np.column_stack([part.rgb, part.opacities]))
     # With the largest component negative: a byte holds -1, and 1 is beyond the largest, 127 / 128.
     largest = np.take_along_axis(part.quats, np.abs(part.quats).argmax(axis=1)[:, None], axis=1)
-    records["quat"] = _bytes(128 * np.where(largest > 0, -part.quats, part.quats) + 128)
+    records["quat"] = to_bytes(128 * np.where(largest > 0, -part.quats, part.quats) + 128)
     return records
-
-
-def _bytes(values: np.ndarray) -> UInt8[np.ndarray, "n d"]:
-    return values.round().clip(0, 255).astype(np.uint8)
 
 
 class SplatImporter(Importer):
@@ -98,10 +95,8 @@ class SplatImporter(Importer):
         Raises:
             DataError: its size is wrong, or its rows are no splats.
         """
-        try:
+        with readable(path):
             size = path.stat().st_size
-        except OSError as error:
-            raise DataError(f"{path} cannot be read: {error.strerror}.") from None
         count, over = divmod(size, RECORD.itemsize)
         if over or not count:
             raise DataError(

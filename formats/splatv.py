@@ -30,12 +30,13 @@ from gsfw.core.exchange import (
     Motion,
     MotionFile,
     SplatFile,
-    stated_up,
 )
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.reading import readable
+from gsfw.core.maths.axes import known_or_usual_up, stated_axis
 from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.rotations import unit_quaternions
-from gsfw.core.maths.spherical_harmonics import C0
+from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc
 from gsfw.core.motion.evaluation import recentered, splats_at
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.json_fields import JsonFields
@@ -127,11 +128,7 @@ def _camera(content: SplatFile) -> dict[str, Any]:
     sample = content.splats.means[:: len(content.splats) // 100_000 + 1]
     middle = sample.median(dim=0).values
     size = float((sample - middle).abs().median(dim=0).values.norm()) * 1.5
-    up = torch.zeros(3, dtype=torch.float64)
-    axis = content.up.strip().lstrip("+-").lower()
-    up["xyz".index(axis) if axis in ("x", "y", "z") else 1] = 1.0
-    if content.up.strip().startswith("-") or axis not in ("x", "y", "z"):
-        up = -up
+    up = known_or_usual_up(content.up)
     place = middle + DISTANCE * max(size, 1e-6) * (up.roll(1).abs() * -1.0 + 0.3 * up)
     pose = look_at(place[None], middle, up)[0]
     return {
@@ -152,7 +149,7 @@ def _records(file: MotionFile) -> Iterator[np.ndarray]:
         splats, motion = _at_half_centers(file.content.splats.take(rows), file.motion.take(rows))
         if not isinstance(splats.colors, Sh) or splats.quats is None or splats.scales is None:
             raise ValueError("files hold splats in quats-and-scales form with SH colours")
-        rgb = 0.5 + C0 * splats.colors.coefficients[:, 0].double()
+        rgb = dc_to_rgb(splats.colors.coefficients[:, 0].double())
         rgba = torch.cat([rgb, splats.opacities[:, None]], dim=1).nan_to_num(-1.0)
         if bool((rgba[:, 3] < 0).any() or not splats.colors.coefficients.isfinite().all()):
             raise ValueError("colors or opacities are not finite")
@@ -242,7 +239,7 @@ class SplatvImporter(Importer):
         fields = JsonFields(path, "gsfw", about)
         times = float(fields.numbers("first_time")), float(fields.numbers("last_time"))
         stated = replace(
-            content, up=stated_up(fields.text("up")), antialiased=fields.flag("antialiased")
+            content, up=stated_axis(fields.text("up")), antialiased=fields.flag("antialiased")
         )
         still = fields.flag("still")
         return MotionFile(stated, motion, None if still else times, fields.count("frames", 1))
@@ -250,13 +247,10 @@ class SplatvImporter(Importer):
 
 def _read_header(path: Path) -> tuple[JsonFields, int, int]:
     """The entry of the splats, the first byte and the number of records, checked by the size."""
-    try:
-        with path.open("rb") as file:
-            magic, length = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").tolist()
-            text = file.read(min(length, MAX_HEADER))
+    with readable(path), path.open("rb") as file:
+        magic, length = np.frombuffer(file.read(8).ljust(8, b"\0"), "<u4").tolist()
+        text = file.read(min(length, MAX_HEADER))
         size = path.stat().st_size
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
     if magic != MAGIC:
         raise DataError(f"{path} is not a splaTV file: it does not begin with its magic number.")
     if length > MAX_HEADER or len(text) < length:
@@ -311,7 +305,7 @@ def _activated(path: Path, records: np.ndarray) -> tuple[SplatFile, Motion]:
     splats = Splats(
         means=kept["means"],
         opacities=rgba[:, 3],
-        colors=Sh(((rgba[:, :3] - 0.5) / C0)[:, None], 0),
+        colors=Sh(rgb_to_dc(rgba[:, :3])[:, None], 0),
         quats=unit_quaternions(kept["quats"]),
         scales=kept["scales"].abs(),
     )

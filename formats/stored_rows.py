@@ -6,7 +6,7 @@ return them, and their rows are activated and checked here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -74,6 +74,22 @@ class StoredRows:
     def take(self, rows: Bool[np.ndarray, " n"] | Int[np.ndarray, " r"] | slice) -> StoredRows:
         """Some of the rows; views of them for a slice."""
         return StoredRows(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    @staticmethod
+    def cat(parts: Sequence[StoredRows]) -> StoredRows:
+        """The rows of several parts, one after the other; zeros are the bands that a part lacks."""
+        width = max(part.rest.shape[1] for part in parts)
+        bands = [
+            np.pad(part.rest, ((0, 0), (0, width - part.rest.shape[1]), (0, 0))) for part in parts
+        ]
+        return StoredRows(
+            means=np.concatenate([part.means for part in parts]),
+            logits=np.concatenate([part.logits for part in parts]),
+            log_scales=np.concatenate([part.log_scales for part in parts]),
+            quats=np.concatenate([part.quats for part in parts]),
+            dc=np.concatenate([part.dc for part in parts]),
+            rest=np.concatenate(bands),
+        )
 
     def mirrored(self, signs: Signs) -> StoredRows:
         """The same splats in a frame whose axes have other signs (a rotation: two or none)."""

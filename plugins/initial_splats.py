@@ -53,15 +53,6 @@ def find_importer(path: Path, registry: Registry) -> Importer:
     return importer
 
 
-def splat_bytes(path: Path, registry: Registry) -> int:
-    """Size of a file of splats, with the files beside it that belong to it.
-
-    Raises:
-        DataError: it is missing, damaged, or of no format that can be read.
-    """
-    return find_importer(path, registry).size(path)
-
-
 def refuse_splats(path: Path, registry: Registry) -> None:
     """Refuse splats in place of a data set or of photos; anything else passes.
 

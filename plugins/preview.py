@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -11,7 +10,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import Preview
 from gsfw.core.loop.evaluation import render_model
-from gsfw.core.maths.camera_path import viewing_center
+from gsfw.core.maths.camera_path import gathered, viewing_center
 from gsfw.plugins.restore import Restored
 
 VIEWS = 9
@@ -27,7 +26,7 @@ def preview(restored: Restored) -> Preview:
     parts, scene = composition.parts, composition.scene
     settings = composition.plan.settings
     cameras = [camera.to("cpu") for camera in parts.data.views(Split.TRAIN).cameras]
-    views = _joined(cameras)
+    views = replace(gathered(cameras), model=CameraModel.PINHOLE)
     world = scene.world_from_scene
     target = world.apply(viewing_center(views))
     step = max(1, -(-len(views) // VIEWS))
@@ -46,14 +45,6 @@ def preview(restored: Restored) -> Preview:
         image=image.cpu(),
         background=(red, green, blue),
     )
-
-
-def _joined(cameras: Sequence[Cameras]) -> Cameras:
-    """The poses of all cameras, with the lens of the first one as a pinhole."""
-    first = cameras[0]
-    poses = torch.cat([camera.world_to_camera.detach() for camera in cameras])
-    lenses = first.intrinsics.detach().expand(len(poses), 3, 3)
-    return Cameras(poses, lenses, first.width, first.height)
 
 
 def _shrunk(camera: Cameras) -> Cameras:

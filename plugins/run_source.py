@@ -180,16 +180,9 @@ def _first_colors(model: PrimitiveModel, times: Sequence[float]) -> Float[Tensor
     for time in reversed(times):
         splats = model.splats(torch.tensor(time, device=like.device))
         if isinstance(splats.colors, Sh):
-            found = dc_to_rgb(_constant(splats.colors))
+            found = dc_to_rgb(splats.colors.coefficients[:, 0])
         else:
             found = splats.colors[:, :3]
         rows = slice(None) if splats.rows is None else splats.rows
         colors[rows] = found.to(colors)
     return colors
-
-
-def _constant(colors: Sh) -> Float[Tensor, "n 3"]:
-    """The coefficients of degree 0, which are independent of the direction."""
-    if colors.offsets is not None:
-        return colors.coefficients[colors.offsets[:-1]]
-    return colors.coefficients[:, 0]

@@ -21,6 +21,7 @@ from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import SplatFile
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.maths.axes import known_or_usual_up
 from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
@@ -46,8 +47,6 @@ DISTANCE, RISE = 2.2, 0.5
 
 OUTSIDE = 0.02
 """Part of the Gaussians that may lie outside of the scene, on each side: they float far away."""
-
-UPWARDS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def open_splats(path: Path, registry: Registry, changed: Layer | None = None) -> Restored:
@@ -126,7 +125,7 @@ class _Start:
 def surroundings(name: str, content: SplatFile) -> tuple[Scene, tuple[Cameras, ...]]:
     """The scene of the splats of a file, with this name, and the cameras around it."""
     scene = _scene(name, content)
-    return scene, _around(scene, _up(content))
+    return scene, _around(scene, known_or_usual_up(content.up))
 
 
 class _SplatCapture(StoredCapture):
@@ -170,14 +169,6 @@ def _scene(name: str, content: SplatFile) -> Scene:
     return Scene(
         name, none, none, none, extent=1.1 * DISTANCE, world_from_scene=placed, up=content.up
     )
-
-
-def _up(content: SplatFile) -> Float64[Tensor, " 3"]:
-    """Upwards as the file says; otherwise as COLMAP's worlds usually are: y leads down."""
-    stated = content.up.strip() or "-y"
-    sign = -1.0 if stated.startswith("-") else 1.0
-    axis = UPWARDS.get(stated.lstrip("+-"), (0.0, -1.0, 0.0))
-    return sign * torch.tensor(axis, dtype=torch.float64)
 
 
 def _around(scene: Scene, up: Float[Tensor, " 3"]) -> tuple[Cameras, ...]:

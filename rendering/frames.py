@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import torch
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.evaluation import render_model
-from gsfw.core.maths.camera_path import up_direction, viewing_center
+from gsfw.core.maths.camera_path import gathered, up_direction, viewing_center
 from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.frame_folder import FrameFolder, cameras_digest, model_digest
 from gsfw.rendering.image_files import SUFFIXES, ImageFormat, write_image, write_values
@@ -105,11 +104,7 @@ class FrameRenderer:
     def _ring(self) -> tuple[Tensor, Tensor]:
         """The point that the training cameras look at, and their upward direction; on the CPU."""
         views = self.composition.parts.data.views(Split.TRAIN).cameras
-        poses = torch.cat([camera.world_to_camera for camera in views]).cpu()
-        cameras = replace(
-            views[0], world_to_camera=poses, time=None, camera_index=None,
-            intrinsics=views[0].intrinsics[:1].cpu().expand(len(poses), 3, 3),
-        )  # fmt: skip
+        cameras = gathered(views)
         return viewing_center(cameras), up_direction(cameras)
 
     def _shoot(self, camera: Cameras, channels: Sequence[Channel] | None = None) -> list[Tensor]:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
-from gsfw.core.maths.camera_path import up_direction, viewing_center
+from gsfw.core.maths.axes import known_axis
+from gsfw.core.maths.camera_path import gathered, up_direction, viewing_center
 from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 from gsfw.viewer.view_state import Box, Pose, Vector
 from gsfw.viewer.viewed_model import ViewedModel
 
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 OUTSIDE = 0.02
 """Part of the Gaussians that may lie outside the scene on each side: they float far away."""
 
@@ -50,28 +50,18 @@ def first_view(model: ViewedModel) -> FirstView:
     seen = Pose.of(first)
     axis = first.world_to_camera[0, 2, :3].double()
     position = torch.tensor(seen.position, dtype=torch.float64)
-    target = viewing_center(_joined(cameras))
+    target = viewing_center(gathered(cameras))
     distance = max(float((target - position) @ axis), 0.2 * model.scene.extent)
     place = _vector(position + distance * axis)
     return FirstView(seen, place, _vector(up), bounds, max(model.scene.extent, 1e-6), degree)
 
 
-def _joined(cameras: Sequence[Cameras]) -> Cameras:
-    """The poses of all cameras, with the lens of the first one."""
-    first = cameras[0].to("cpu")
-    poses = torch.cat([camera.world_to_camera.detach().cpu() for camera in cameras])
-    lenses = first.intrinsics.expand(len(poses), 3, 3)
-    return replace(first, world_to_camera=poses, intrinsics=lenses, time=None, camera_index=None)
-
-
 def _up(model: ViewedModel, cameras: Sequence[Cameras]) -> Tensor:
     """The upward direction in the scene frame: as the data says, else that of its cameras."""
-    stated = model.scene.up.strip()
-    if stated.lstrip("+-") in AXES:
-        sign = -1.0 if stated.startswith("-") else 1.0
-        world = sign * torch.tensor(AXES[stated.lstrip("+-")], dtype=torch.float64)
-        return _unit(model.scene.world_from_scene.rotation.T @ world)
-    return up_direction(_joined(cameras))
+    world = known_axis(model.scene.up)
+    if world is None:
+        return up_direction(gathered(cameras))
+    return _unit(model.scene.world_from_scene.rotation.T @ world)
 
 
 def _bounds(splats: Splats) -> Box:

@@ -35,7 +35,7 @@ from gsfw.editing.script import Step, StepResult, apply, write_steps
 from gsfw.formats.stored_rows import held_by_float32
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.exporters import check_sh_degree
-from gsfw.plugins.initial_splats import find_importer, splat_bytes
+from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
@@ -80,7 +80,7 @@ class Session:
             "written": None,
             "steps": [result.document() for result in results],
             "num_gaussians": len(piece),
-            "bytes_before": self._bytes_before(),
+            "bytes_before": self.found.num_bytes(self.registry),
         }
         if self.options.dry_run:
             self.console.say(f"{output.path} would hold {len(piece):,} Gaussians: nothing written")
@@ -224,12 +224,6 @@ class Session:
             self._output.exporter.write(path, self._content(piece))
             return bytes_of(path)
 
-    def _bytes_before(self) -> int | None:
-        """Size of the input; ``None`` for a run, which is more than a model."""
-        if self.found.splat_file is not None:
-            return splat_bytes(self.found.splat_file, self.registry)
-        return None if self.found.model_file is None else bytes_of(self.found.model_file)
-
     def _write(self, piece: Editable, results: Sequence[StepResult]) -> dict[str, Any]:
         """Write the file and its steps; return the rest of the document."""
         output = self._output
@@ -243,7 +237,7 @@ class Session:
                 "clean=all leaves out what no format can hold.") from error  # fmt: skip
         with other_place(ELSEWHERE):
             write_atomically(output.steps, write_steps(results, self.found.name))
-        after, before = bytes_of(output.path), self._bytes_before()
+        after, before = bytes_of(output.path), self.found.num_bytes(self.registry)
         sizes = size(after) if before is None else f"{size(before)} -> {size(after)}"
         self.console.say(
             f"{len(piece):,} Gaussians, {sizes}: {output.path}\n"

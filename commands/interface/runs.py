@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.run_history import remembered_runs
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.size import bytes_of
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 
@@ -44,6 +45,18 @@ class RunArgument:
     def name(self) -> str:
         """Path of the run or file, for messages and results."""
         return str(self.model_file or self.splat_file or self.folder.path)
+
+    def num_bytes(self, registry: Registry) -> int | None:
+        """Size of the file, with those that belong to it; ``None`` for a run.
+
+        Raises:
+            DataError: the file of splats is of no format that can be read.
+        """
+        from gsfw.plugins.initial_splats import find_importer
+
+        if self.splat_file is not None:
+            return find_importer(self.splat_file, registry).size(self.splat_file)
+        return None if self.model_file is None else bytes_of(self.model_file)
 
 
 def find_run(

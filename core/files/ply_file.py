@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.reading import readable
 
 MAX_HEADER = 1 << 16
 """Longest header in bytes; the longest known layout of splats has 3,000."""
@@ -196,11 +197,8 @@ def read_ply_header(path: Path) -> PlyHeader:
     Raises:
         DataError: it is no PLY, or damaged; names the line.
     """
-    try:
-        with path.open("rb") as file:
-            start = file.read(MAX_HEADER)
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
+    with readable(path), path.open("rb") as file:
+        start = file.read(MAX_HEADER)
     opening = re.match(rb"ply(\r\n|\n|\r)", start)
     if opening is None:
         raise DataError(f"{path} is not a PLY file: it does not begin with 'ply'.")

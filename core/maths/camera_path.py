@@ -172,6 +172,12 @@ def posed(cameras: Cameras, poses: Float[Tensor, "f 4 4"]) -> Cameras:
     )
 
 
+def gathered(cameras: Sequence[Cameras]) -> Cameras:
+    """The poses of all cameras, with the lens and size of the first one; on the CPU."""
+    poses = torch.cat([camera.world_to_camera.detach().cpu() for camera in cameras])
+    return posed(cameras[0].to("cpu"), poses)
+
+
 def at_times(cameras: Cameras, times: Sequence[float]) -> Cameras:
     """The cameras, each at its time in [0, 1]; a single camera is repeated for all of them."""
     count = len(times)

@@ -21,7 +21,7 @@ from gsfw.core.motion.poses import Bounds
 from gsfw.core.motion.samples import BYTES_PER_SAMPLE, present_among, sample, splats_at
 from gsfw.core.progress import tracked
 from gsfw.core.scene import Scene
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.splats import Sh, Splats, cat_colors
 
 MEMORY = 1 << 30
 """Bytes of samples held at once; a model with more is evaluated again for each part of its rows."""
@@ -102,7 +102,7 @@ def fit_motion(
     splats = Splats(
         means=pieces.means,
         opacities=pieces.opacities,
-        colors=_joined(found.colors),
+        colors=cat_colors(found.colors),
         quats=pieces.quats,
         scales=pieces.scales,
     )
@@ -175,7 +175,7 @@ def _colors(
         place[of_rows] = present.cpu()
         found.append(_dense(splats.colors, place[pieces.rows[chosen]]))
         order.append(chosen)
-    return _taken(_joined(found), torch.cat(order).argsort())
+    return _taken(cat_colors(found), torch.cat(order).argsort())
 
 
 def _dense(colors: Sh | Tensor, chosen: Int[Tensor, " r"]) -> Sh | Tensor:
@@ -184,13 +184,6 @@ def _dense(colors: Sh | Tensor, chosen: Int[Tensor, " r"]) -> Sh | Tensor:
         return colors[chosen.to(colors.device)].cpu()
     found = colors.take(chosen.to(colors.coefficients.device))
     return Sh(found.dense().cpu(), colors.degree)
-
-
-def _joined(parts: Sequence[Sh | Tensor]) -> Sh | Tensor:
-    harmonics = [part for part in parts if isinstance(part, Sh)]
-    if harmonics:
-        return Sh(torch.cat([part.coefficients for part in harmonics]), harmonics[0].degree)
-    return torch.cat([part for part in parts if isinstance(part, Tensor)])
 
 
 def _taken(colors: Sh | Tensor, rows: Int[Tensor, " r"]) -> Sh | Tensor:

@@ -9,6 +9,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.maths.axes import axis_vector
 from gsfw.core.maths.similarity import Similarity
 from gsfw.editing import alignment, transforms
 from gsfw.editing.editable import Editable
@@ -31,7 +32,7 @@ def rotation(text: str) -> Similarity:
     *axis, degrees = text.split(",")
     if len(axis) == 1:
         angle = number(degrees, "an axis and degrees, such as x,90", -math.inf)
-        return transforms.rotate(transforms.direction(axis[0]), angle)
+        return transforms.rotate(axis_vector(axis[0]), angle)
     x, y, z, angle = numbers(text, "x,y,z of the axis,degrees")
     return transforms.rotate(point((x, y, z)), angle)
 
@@ -58,7 +59,7 @@ def align(text: str) -> Edit:
     if by not in ("cameras", "floor"):
         raise ValueError(f"expected cameras or floor, found {by!r}")
     axis = axis or "z"
-    target = transforms.direction(axis)
+    target = axis_vector(axis)
 
     def edit(piece: Editable, _: Surroundings) -> Edited:
         up = _upward(piece, by)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.reading import readable
 from gsfw.formats.gltf.buffers import Buffers
 from gsfw.formats.gltf.layout import (
     BINARY_CHUNK,
@@ -116,16 +117,13 @@ def read_document(path: Path) -> Document:
     Raises:
         DataError: it is damaged, of another kind, or requires extensions that are not read.
     """
-    try:
+    with readable(path), path.open("rb") as file:
         size = path.stat().st_size
-        with path.open("rb") as file:
-            start = file.read(GLB_HEADER.size + CHUNK.size)
-            if start.startswith(MAGIC):
-                text, binary = _chunks(path, start, file, size)
-            else:
-                text, binary = start + file.read(min(size, MOST_JSON)), b""
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
+        start = file.read(GLB_HEADER.size + CHUNK.size)
+        if start.startswith(MAGIC):
+            text, binary = _chunks(path, start, file, size)
+        else:
+            text, binary = start + file.read(min(size, MOST_JSON)), b""
     if not start.startswith(MAGIC) and text.lstrip()[:1] != b"{":
         raise DataError(f"{path} is no glTF file: it begins neither with 'glTF' nor with '{{'.")
     root = _parsed(path, text)

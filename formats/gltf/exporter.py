@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import accumulate
+from itertools import accumulate, chain
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,13 @@ from gsfw.core.files.atomic import atomic_file
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Splats
 from gsfw.formats.activation import to_bytes
+from gsfw.formats.gltf.container import glb_size, glb_start, padded_text
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
-    BINARY_CHUNK,
-    CHUNK,
     COLOR_SPACE,
     COMPONENTS,
     EXTENSION,
     FLOAT,
-    GLB_HEADER,
-    JSON_CHUNK,
-    MAGIC,
     MOST_DEGREE,
     OPACITY,
     POINTS,
@@ -38,7 +33,6 @@ from gsfw.formats.gltf.layout import (
     WIDTHS,
     coefficient,
 )
-from gsfw.formats.sh_bands import at_most_degree, degree_of_splats
 from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, stored_parts
 
 MOST_BYTES = 2**32 - 1
@@ -78,34 +72,27 @@ class GltfExporter(Exporter):
                 the format; names the field and the row.
         """
         content = source.splat_file()
-        splats = at_most_degree(content.splats, MOST_DEGREE)
+        splats = content.splats.up_to(MOST_DEGREE)
         parts = stored_parts(splats)
         first = next(parts)  # Refuses what the header would not hold.
-        attributes = _attributes(degree_of_splats(splats))
+        attributes = _attributes(splats.sh_degree)
         places = list(accumulate((len(splats) * item.width for item in attributes), initial=0))
         text = _document(content, splats, attributes, places)
-        start = GLB_HEADER.size + 2 * CHUNK.size + len(text)
-        if start + places[-1] > MOST_BYTES:
+        size = glb_size(text, places[-1])
+        if size > MOST_BYTES:
             raise ValueError(
-                f"{len(splats)} splats take {start + places[-1]} bytes, and a .glb holds "
+                f"{len(splats)} splats take {size} bytes, and a .glb holds "
                 f"{MOST_BYTES}; write fewer splats or SH bands, or format=ply"
             )
         with atomic_file(path) as file:
-            file.write(GLB_HEADER.pack(MAGIC, 2, start + places[-1]))
-            file.write(CHUNK.pack(len(text), JSON_CHUNK) + text)
-            file.write(CHUNK.pack(places[-1], BINARY_CHUNK))
+            start = file.write(glb_start(text, places[-1]))
             row = 0
-            for part in _chained(first, parts):
+            for part in chain([first], parts):
                 values = _values(part.mirrored(RDF_TO_LUF))
                 for item, place, array in zip(attributes, places, values, strict=False):
                     file.seek(start + place + row * item.width)
                     file.write(array.tobytes())
                 row += len(part)
-
-
-def _chained(first: StoredRows, others: Iterator[StoredRows]) -> Iterator[StoredRows]:
-    yield first
-    yield from others
 
 
 def _attributes(degree: int) -> list[_Attribute]:
@@ -184,8 +171,7 @@ def _document(
         "bufferViews": views,
         "buffers": [{"byteLength": places[-1]}],
     }
-    text = json.dumps(document, separators=(",", ":")).encode()
-    return text + b" " * (-len(text) % 4)
+    return padded_text(json.dumps(document, separators=(",", ":")))
 
 
 def _primitive(attributes: list[_Attribute]) -> dict[str, Any]:

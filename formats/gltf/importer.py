@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.core.exchange import Importer, SplatFile, stated_up
+from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import num_coefficients
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.splats import Splats
 from gsfw.formats.activation import log_scales_of, logits_of
 from gsfw.formats.gltf.document import Document, read_document
 from gsfw.formats.gltf.layout import (
@@ -63,10 +62,10 @@ class GltfImporter(Importer):
         ours = ours if isinstance(ours, dict) else {}
         generator = asset.get("generator")
         return SplatFile(
-            _joined([splats for splats, _ in read]),
+            Splats.cat([splats for splats, _ in read]),
             antialiased=ours.get("antialiased") is True,
             # The format's y axis points up; files of gsfw say what they know.
-            up=stated_up(ours.get("up", "-y")),
+            up=stated_axis(ours.get("up", "-y")),
             properties={
                 "sets of splats": str(len(used)),
                 **({"generator": generator} if isinstance(generator, str) else {}),
@@ -183,29 +182,4 @@ def _degree(attributes: JsonFields) -> int:
         f"{attributes.path}: {attributes.where} has {present} SH coefficients, expected 1, 4, 9 or "
         "16.",
         COPY_AGAIN,
-    )
-
-
-def _joined(parts: list[Splats]) -> Splats:
-    """All splats in one set, with the bands of the part that has most."""
-    if len(parts) == 1:
-        return parts[0]
-    width = max(part.colors.width for part in parts if isinstance(part.colors, Sh))
-    wide = []
-    for part in parts:
-        assert isinstance(part.colors, Sh)
-        missing = width - part.colors.width
-        wide.append(torch.nn.functional.pad(part.colors.coefficients, (0, 0, 0, missing)))
-    tensors = [part.tensors() for part in parts]
-    whole = {
-        name: torch.cat([named[name] for named in tensors])
-        for name in ("means", "opacities", "quats", "scales")
-    }
-    return replace(
-        parts[0],
-        means=whole["means"],
-        opacities=whole["opacities"],
-        quats=whole["quats"],
-        scales=whole["scales"],
-        colors=Sh(torch.cat(wide), round(width**0.5) - 1),
     )

@@ -26,7 +26,6 @@ from gsfw.formats.ksplat.layout import (
     Section,
     record_type,
 )
-from gsfw.formats.sh_bands import at_most_degree, degree_of_splats
 from gsfw.formats.stored_rows import StoredRows, check_any, stored_parts
 
 MOST_DEGREE = 2
@@ -72,7 +71,7 @@ class KsplatExporter(Exporter):
             OutputError: it cannot be written.
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
-        splats = at_most_degree(source.splat_file().splats, MOST_DEGREE)
+        splats = source.splat_file().splats.up_to(MOST_DEGREE)
         check_any(splats)
         block = _block(splats)
         buckets = _buckets(splats, block) if self.level else NONE
@@ -86,7 +85,7 @@ class KsplatExporter(Exporter):
             steps=RANGE * self.level,
             full=buckets.full,
             partial=len(buckets.lengths) - buckets.full,
-            degree=degree_of_splats(splats),
+            degree=splats.sh_degree,
         )
         with atomic_file(path) as file:
             file.write(_main_header(len(splats), self.level))

@@ -11,6 +11,7 @@ from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.files.reading import readable
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.formats.activation import dc_of, log_scales_of, logits_of
 from gsfw.formats.ksplat.layout import (
@@ -65,10 +66,8 @@ class KsplatImporter(Importer):
         Raises:
             DataError: it is damaged or not of this format.
         """
-        try:
+        with readable(path):
             raw = path.read_bytes()
-        except OSError as error:
-            raise DataError(f"{path} cannot be read: {error.strerror}.") from None
         header = _main_header(raw[: MAIN.size])
         if header is None or len(raw) < MAIN_BYTES:
             raise DataError(
@@ -84,7 +83,7 @@ class KsplatImporter(Importer):
             ]
         if not parts:
             raise DataError(f"{path} holds no splats: its sections are empty.", COPY_AGAIN)
-        splats, dropped = activated(path, _joined(parts))
+        splats, dropped = activated(path, StoredRows.cat(parts))
         properties = {"level": str(header.level), "sections": str(header.sections)}
         return SplatFile(splats, properties=properties, num_dropped=dropped)
 
@@ -192,17 +191,3 @@ def _bands(
         stored = values[:, 3 * columns.start : 3 * columns.stop]
         rest[:, columns] = stored.reshape(count, 3, -1).transpose(0, 2, 1)
     return rest
-
-
-def _joined(parts: list[StoredRows]) -> StoredRows:
-    """The rows of all sections, with the bands of the one that has most."""
-    width = max(part.rest.shape[1] for part in parts)
-    bands = [np.pad(part.rest, ((0, 0), (0, width - part.rest.shape[1]), (0, 0))) for part in parts]
-    return StoredRows(
-        means=np.concatenate([part.means for part in parts]),
-        logits=np.concatenate([part.logits for part in parts]),
-        log_scales=np.concatenate([part.log_scales for part in parts]),
-        quats=np.concatenate([part.quats for part in parts]),
-        dc=np.concatenate([part.dc for part in parts]),
-        rest=np.concatenate(bands),
-    )

@@ -17,15 +17,12 @@ from jaxtyping import UInt8
 
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
+from gsfw.core.maths.axes import stated_axis
+from gsfw.formats.gltf.container import glb_start, padded_text
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
-    BINARY_CHUNK,
-    CHUNK,
     ELEMENT_ARRAY_BUFFER,
     FLOAT,
-    GLB_HEADER,
-    JSON_CHUNK,
-    MAGIC,
     UNSIGNED_BYTE,
     UNSIGNED_INT,
 )
@@ -91,19 +88,15 @@ def _write_glb(file: BinaryIO, mesh: Mesh, up: str) -> None:
     colors = np.full((len(places), 4), 255, np.uint8)
     colors[:, :3] = _levels(mesh)
     parts = [places.tobytes(), colors.tobytes(), mesh.triangles.astype("<u4").tobytes()]
-    text = json.dumps(_gltf(mesh, up, [len(part) for part in parts])).encode()
-    text += b" " * (-len(text) % 4)
-    size = sum(map(len, parts))
-    start = GLB_HEADER.size + 2 * CHUNK.size + len(text)
-    file.write(GLB_HEADER.pack(MAGIC, 2, start + size))
-    file.write(CHUNK.pack(len(text), JSON_CHUNK) + text)
-    file.write(CHUNK.pack(size, BINARY_CHUNK) + b"".join(parts))
+    sizes = [len(part) for part in parts]
+    text = padded_text(json.dumps(_gltf(mesh, up, sizes)))
+    file.write(glb_start(text, sum(sizes)) + b"".join(parts))
 
 
 def _gltf(mesh: Mesh, up: str, sizes: Sequence[int]) -> dict[str, object]:
     """The JSON of a .glb, for buffers of positions, colours and triangles of these sizes."""
     places, count = mesh.vertices.astype("<f4"), len(mesh.vertices)
-    turn = TO_Y_UP.get(up.strip().lstrip("+").lower(), TO_Y_UP["y"])
+    turn = TO_Y_UP.get(stated_axis(up).removeprefix("+"), TO_Y_UP["y"])
     node: dict[str, object] = {"mesh": 0}
     if turn != TO_Y_UP["y"]:
         node["matrix"] = [*turn[:3], 0, *turn[3:6], 0, *turn[6:], 0, 0, 0, 0, 1]

@@ -16,7 +16,6 @@ from gsfw.core.files.atomic import atomic_file
 from gsfw.core.maths.codebook import codebook, nearest_levels
 from gsfw.core.splats import Splats
 from gsfw.formats.morton_order import morton_order
-from gsfw.formats.sh_bands import at_most_degree, degree_of_splats
 from gsfw.formats.sog.container import META
 from gsfw.formats.sog.description import MAX_PALETTE, Description, write_document
 from gsfw.formats.sog.quantisation import pack_means, pack_opacities, pack_quats, to_logarithm
@@ -70,7 +69,7 @@ class SogExporter(Exporter):
 
 def _files(content: SplatFile, palette: int) -> dict[str, bytes]:
     """The files by name."""
-    splats = at_most_degree(content.splats, MAX_DEGREE)
+    splats = content.splats.up_to(MAX_DEGREE)
     check_any(splats)
     shape = image_shape(len(splats))
     order = morton_order(splats.means)
@@ -85,7 +84,7 @@ def _files(content: SplatFile, palette: int) -> dict[str, bytes]:
         COLORS: encode(np.concatenate([shades, columns.opacities[:, None]], axis=1), *shape),
     }
     sh = None
-    if degree_of_splats(splats):
+    if splats.sh_degree:
         sh = coded_sh(splats, order, palette or palette_size(len(splats)))
         images[CENTROIDS] = encode(sh.texels, *sh.shape)
         images[LABELS] = encode(sh.labels, *shape)

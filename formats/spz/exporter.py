@@ -13,7 +13,6 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource, SplatFile
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.splats import Splats
-from gsfw.formats.sh_bands import at_most_degree, degree_of_splats
 from gsfw.formats.spz.layout import ENTRY, MOST_BITS, MOST_DEGREE, PLAIN_HEADER, SpzHeader
 from gsfw.formats.spz.quantisation import SH_BITS, packed_bands, packed_base
 from gsfw.formats.spz.zstandard import check_available, compressed
@@ -73,7 +72,7 @@ class SpzExporter(Exporter):
         check_any(content.splats)
         if self.version >= PLAIN_HEADER:
             check_available("format.version=4")
-        splats = at_most_degree(content.splats, MOST_DEGREE[self.version])
+        splats = content.splats.up_to(MOST_DEGREE[self.version])
         header = _header(self.version, content, splats)
         with atomic_file(path) as file:
             if self.version >= PLAIN_HEADER:
@@ -88,7 +87,7 @@ class SpzExporter(Exporter):
 
 
 def _header(version: int, content: SplatFile, splats: Splats) -> SpzHeader:
-    degree, bits = degree_of_splats(splats), _fractional_bits(splats)
+    degree, bits = splats.sh_degree, _fractional_bits(splats)
     return SpzHeader(version, len(splats), degree, bits, content.antialiased)
 
 
@@ -122,7 +121,7 @@ def _streams(splats: Splats, header: SpzHeader, sh_bits: int) -> Iterator[Iterab
     All but the SH bands are packed at once, 20 bytes a splat; the bands, the bulk of a file, while
     they are written.
     """
-    base = (part.mirrored(RDF_TO_RUB) for part in stored_parts(at_most_degree(splats, 0)))
+    base = (part.mirrored(RDF_TO_RUB) for part in stored_parts(splats.up_to(0)))
     yield from zip(*(packed_base(part, header) for part in base), strict=True)
     if header.degree:
         parts = (part.mirrored(RDF_TO_RUB) for part in stored_parts(splats))

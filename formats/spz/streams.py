@@ -15,6 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.reading import readable
 from gsfw.formats.spz.layout import (
     COMMON,
     ENTRY,
@@ -51,21 +52,18 @@ def read_streams(path: Path) -> tuple[SpzHeader, list[Bytes], Signs]:
         DataError: the file is damaged or no SPZ.
         UnavailableError: it is version 4, and Zstandard is not installed.
     """
-    try:
+    with readable(path), path.open("rb") as file:
         size = path.stat().st_size
-        with path.open("rb") as file:
-            start = file.read(COMMON.size + PLACES.size)
-            if start.startswith(GZIP):
-                file.seek(0)
-                return _compressed_whole(path, file, size)
-            header = read_header(path, start)
-            if header.version >= PLAIN_HEADER:
-                return _compressed_by_stream(path, file, header, size)
-            file.seek(COMMON.size)
-            _check_announced(path, header, size, size - COMMON.size)
-            return _split(path, header, file.read())
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
+        start = file.read(COMMON.size + PLACES.size)
+        if start.startswith(GZIP):
+            file.seek(0)
+            return _compressed_whole(path, file, size)
+        header = read_header(path, start)
+        if header.version >= PLAIN_HEADER:
+            return _compressed_by_stream(path, file, header, size)
+        file.seek(COMMON.size)
+        _check_announced(path, header, size, size - COMMON.size)
+        return _split(path, header, file.read())
 
 
 PEEK = 1024

@@ -140,8 +140,7 @@ def _compressed(parts: Iterable[bytes]) -> Iterator[bytes]:
 def _parts(shown: Shown) -> Iterator[bytes]:
     """The header, then the blocks, before compression."""
     content, splats = shown.content, shown.content.content.splats
-    active = splats.colors.degree if isinstance(splats.colors, Sh) else 0
-    degree = min(shown.sh_degree, active)
+    degree = min(shown.sh_degree, splats.sh_degree)
     steps = Steps.of(content.content, degree)
     origin = splats.means.double().median(dim=0).values.numpy()
     header = json.dumps(_header(shown, degree, steps, origin), allow_nan=False).encode()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from gsfw.core.maths.axes import known_axis
 from gsfw.core.scene import Scene
 from gsfw.preparation.check.viewpoints import Viewpoints
 
@@ -19,7 +20,6 @@ TILTED = 10.0
 """Degrees from what the data says beyond which cameras that are held level know better."""
 ROUNDS = 10
 """Rounds of reweighting, after which the axis hardly moves."""
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def up_axis(scene: Scene, viewpoints: Viewpoints) -> tuple[Float[np.ndarray, " 3"], str]:
@@ -42,11 +42,10 @@ def up_axis(scene: Scene, viewpoints: Viewpoints) -> tuple[Float[np.ndarray, " 3
 
 
 def _told_axis(scene: Scene) -> Float[np.ndarray, " 3"] | None:
-    if scene.up.lstrip("+-") not in AXES:
+    world = known_axis(scene.up)
+    if world is None:
         return None
-    sign = -1.0 if scene.up.startswith("-") else 1.0
-    rotation = scene.world_from_scene.rotation.numpy()
-    return sign * rotation.T @ np.array(AXES[scene.up.lstrip("+-")])
+    return scene.world_from_scene.rotation.numpy().T @ world.numpy()
 
 
 def _level_axis(poses: Float[np.ndarray, "s 4 4"]) -> Float[np.ndarray, " 3"] | None:

@@ -19,7 +19,6 @@ from gsfw.studies.tradeoff.edits import (
     StaticConversion,
     TemporalCulling,
     rounded,
-    sh_degree,
 )
 from gsfw.studies.tradeoff.file_round_trip import PLY, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
@@ -105,7 +104,7 @@ def _export(model: FinishedModel, *settings: str) -> tuple[str, ...]:
 
 def _sh(model: FinishedModel) -> Made:
     splats = model.subject.splats()
-    degree = sh_degree(splats)
+    degree = splats.sh_degree
     if degree == 0 and splats.extra is not None:
         return LeftOut("sh", "a network makes its colours of channels, which have no SH bands")
     if degree == 0:
@@ -235,7 +234,7 @@ def _combined(model: FinishedModel) -> Made:
     why = _cannot_prune(model)
     if why:
         return LeftOut("combined", why)
-    most = sh_degree(model.subject.splats())
+    most = model.subject.splats().sh_degree
     return [
         _combination(model, part, degree, kind)
         for part, degree, kind in COMBINED

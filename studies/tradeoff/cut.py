@@ -12,7 +12,7 @@ from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, is_dynamic
-from gsfw.studies.tradeoff.edits import Kept, ShTruncation
+from gsfw.studies.tradeoff.edits import Kept
 
 
 def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Splats], Splats]:
@@ -30,7 +30,7 @@ def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Spl
 
     def edit(splats: Splats) -> Splats:
         splats = splats if kept is None else kept(splats)
-        return splats if sh_degree is None else ShTruncation(sh_degree)(splats)
+        return splats if sh_degree is None else splats.up_to(sh_degree)
 
     return edit
 

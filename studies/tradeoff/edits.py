@@ -10,7 +10,6 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
@@ -45,36 +44,13 @@ class ShTruncation(Cut):
         colors = splats.colors
         if not isinstance(colors, Sh) or colors.degree <= self.degree:
             return splats
-        count = num_coefficients(self.degree)
-        if colors.rest is None:
-            left = colors.coefficients[:, :count].contiguous()
-            return replace(splats, colors=Sh(left, self.degree))
-        if count == 1:
-            return replace(splats, colors=Sh(colors.coefficients, 0))
-        if colors.offsets is not None:
-            return replace(splats, colors=_shorter(colors, count - 1, self.degree))
-        rest = colors.rest[:, : count - 1].contiguous()
-        return replace(splats, colors=Sh(colors.coefficients, self.degree, rest))
+        # In memory of their own: what is measured then reads nothing of the bands above.
+        left = colors.up_to(self.degree).map(torch.Tensor.contiguous)
+        return replace(splats, colors=left)
 
     def left_of(self, storage: Storage) -> Storage:
         """The storage without the coefficients of the upper bands."""
         return storage.up_to_degree(self.degree)
-
-
-def _shorter(colors: Sh, count: int, degree: int) -> Sh:
-    """Ragged colours with at most ``count`` coefficients each beside the constant one."""
-    assert colors.rest is not None
-    assert colors.offsets is not None
-    lengths = colors.offsets.diff()
-    place = torch.arange(len(colors.rest), device=lengths.device)
-    place = place - colors.offsets[:-1].repeat_interleave(lengths)
-    offsets = torch.cat([lengths.new_zeros(1), lengths.clamp_max(count).cumsum(0)])
-    return Sh(colors.coefficients, degree, colors.rest[place < count], offsets)
-
-
-def sh_degree(splats: Splats) -> int:
-    """SH degree of the colours; 0 for colours that do not depend on the direction."""
-    return splats.colors.degree if isinstance(splats.colors, Sh) else 0
 
 
 TYPES = {"fp16": torch.float16, "bf16": torch.bfloat16}
@@ -175,7 +151,7 @@ class StaticConversion(Cut):
         if not len(self.rows):
             return splats
         changing = _chosen(splats, ~torch.isin(_rows(splats), self.rows))
-        everything = _joined(changing, self.held)
+        everything = Splats.cat([changing, self.held])
         return everything.take(_rows(everything).argsort())
 
     def left_of(self, storage: Storage) -> Storage:
@@ -193,41 +169,3 @@ def _rows(splats: Splats) -> Int[Tensor, " n"]:
 def _chosen(splats: Splats, mask: Bool[Tensor, " n"]) -> Splats:
     """The splats of a mask, with their rows."""
     return replace(splats, rows=_rows(splats)).take(mask.nonzero()[:, 0])
-
-
-def _joined(first: Splats, second: Splats) -> Splats:
-    """Concatenate the splats of two times of one model."""
-    colors, others = first.colors, second.colors
-    if isinstance(colors, Sh) and isinstance(others, Sh):
-        joined: Sh | Tensor = _joined_sh(colors, others)
-    else:
-        assert not isinstance(colors, Sh)
-        assert not isinstance(others, Sh)
-        joined = torch.cat([colors, others])
-    return Splats(
-        means=torch.cat([first.means, second.means]),
-        opacities=torch.cat([first.opacities, second.opacities]),
-        colors=joined,
-        quats=_both(first.quats, second.quats),
-        scales=_both(first.scales, second.scales),
-        covariances=_both(first.covariances, second.covariances),
-        extra=_both(first.extra, second.extra),
-        rows=torch.cat([_rows(first), _rows(second)]),
-    )
-
-
-def _joined_sh(first: Sh, second: Sh) -> Sh:
-    """Concatenate colours of one form, dense or ragged."""
-    offsets = first.offsets
-    if offsets is not None and second.offsets is not None:
-        offsets = torch.cat([offsets, second.offsets[1:] + offsets[-1]])
-    return Sh(
-        torch.cat([first.coefficients, second.coefficients]),
-        first.degree,
-        _both(first.rest, second.rest),
-        offsets,
-    )
-
-
-def _both(first: Tensor | None, second: Tensor | None) -> Tensor | None:
-    return None if first is None or second is None else torch.cat([first, second])

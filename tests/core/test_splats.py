@@ -1,4 +1,4 @@
-"""Splats: counting, naming, and dense colours from ragged ones."""
+"""Splats: counting, naming, cutting, joining, and dense colours from ragged ones."""
 
 from dataclasses import replace
 
@@ -57,16 +57,100 @@ def test_dense_colours_of_given_degrees_lose_what_is_above_them():
     assert cut.dense()[3, 4:].abs().max() == 0
 
 
-@pytest.mark.parametrize("form", ["dense", "two parts", "ragged"])
-def test_some_splats_have_the_colours_that_they_had_among_all(form):
-    splats = random_splats(4, degree=2)
+def in_form(form: str, degree: int = 2, count: int = 4) -> Splats:
+    """Splats with SH colours in one of their three forms."""
+    splats = random_splats(count, degree=degree)
     both = splats.colors.coefficients
-    colors = {
-        "dense": splats.colors,
-        "two parts": Sh(both[:, :1], 2, rest=both[:, 1:]),
-        "ragged": splats.colors.of_degrees(torch.tensor([1, 0, 2, 1])),
-    }[form]
-    splats = replace(splats, colors=colors, rows=torch.arange(10, 14))
+    if form == "dense":
+        return splats
+    if form == "two parts":
+        return replace(splats, colors=Sh(both[:, :1], degree, rest=both[:, 1:]))
+    own = torch.arange(count) % (degree + 1)
+    return replace(splats, colors=splats.colors.of_degrees(own))
+
+
+FORMS = ["dense", "two parts", "ragged"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_colours_up_to_a_degree_are_the_first_bands(form, degree):
+    splats = in_form(form, degree=3, count=9)
+    cut = splats.up_to(degree)
+    assert cut.sh_degree == degree
+    assert torch.equal(cut.colors.dense(), splats.colors.dense()[:, : (degree + 1) ** 2])
+    assert cut.colors.width == (degree + 1) ** 2, "no other coefficients are kept"
+    assert (cut.colors.offsets is not None) == (form == "ragged" and degree > 0)
+
+
+def test_colours_of_no_higher_degree_and_channels_stay_as_they_are():
+    splats = random_splats(5, degree=1)
+    assert splats.up_to(1) is splats
+    assert splats.colors.up_to(4) is splats.colors
+    channels = replace(splats, colors=torch.rand(5, 3))
+    assert channels.up_to(0) is channels
+    assert channels.sh_degree == 0
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("other", FORMS)
+def test_joined_splats_have_the_highest_degree_and_zeros_in_bands_they_lacked(form, other):
+    parts = [in_form(form, 1), in_form(other, 3, count=5), in_form(form, 0, count=1)]
+    both = Splats.cat(parts)
+    assert (len(both), both.sh_degree) == (10, 3)
+    expected = torch.zeros(10, 16, 3)
+    for first, part in zip((0, 4, 9), parts, strict=True):
+        dense = part.colors.dense()
+        expected[first : first + len(part), : dense.shape[1]] = dense
+    assert torch.equal(both.colors.dense(), expected)
+    for name in ("means", "opacities", "quats", "scales"):
+        assert torch.equal(getattr(both, name), torch.cat([getattr(p, name) for p in parts]))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_joined_colours_of_one_form_and_degree_keep_it(form):
+    one, other = in_form(form, 2).colors, in_form(form, 2, count=3).colors
+    both = Sh.cat([one, other])
+    assert (both.rest is None) == (one.rest is None)
+    assert (both.offsets is None) == (one.offsets is None)
+    assert torch.equal(both.dense(), torch.cat([one.dense(), other.dense()]))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_bands_that_were_ignored_stay_so_beside_splats_of_a_higher_degree(form):
+    lower = replace(in_form(form, 2).colors, degree=1)
+    both = Sh.cat([lower, in_form(form, 2).colors])
+    assert both.degree == 2
+    assert torch.equal(both.dense()[:4, :4], lower.dense())
+    assert both.dense()[:4, 4:].abs().max() == 0
+
+
+def test_fields_that_only_some_of_the_joined_splats_have_are_left_out():
+    one, other = random_splats(2), random_splats(3)
+    named = [replace(one, rows=torch.tensor([4, 0])), replace(other, rows=torch.tensor([1, 2, 3]))]
+    assert Splats.cat(named).rows.tolist() == [4, 0, 1, 2, 3]
+    both = Splats.cat([named[0], replace(other, extra=torch.zeros(3, 2))])
+    assert both.rows is None
+    assert both.extra is None
+    assert Splats.cat([one]) is one
+
+
+def test_splats_of_different_kinds_cannot_be_joined():
+    splats = random_splats(2)
+    channels = replace(splats, colors=torch.zeros(2, 3))
+    with pytest.raises(ValueError, match="SH colours, and others channels"):
+        Splats.cat([splats, channels])
+    assert Splats.cat([channels, channels]).colors.shape == (4, 3)
+    shapes = replace(splats, quats=None, scales=None, covariances=torch.zeros(2, 3, 3))
+    with pytest.raises(ValueError, match="covariances, and others quaternions"):
+        Splats.cat([splats, shapes])
+    assert Splats.cat([shapes, shapes]).covariances.shape == (4, 3, 3)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_some_splats_have_the_colours_that_they_had_among_all(form):
+    splats = replace(in_form(form), rows=torch.arange(10, 14))
+    colors = splats.colors
     rows = torch.tensor([3, 1, 2])
     some = splats.take(rows)
     assert torch.equal(some.means, splats.means[rows])

@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.maths.axes import axis_vector
 from gsfw.editing import alignment
-from gsfw.editing.transforms import direction, rotate
+from gsfw.editing.transforms import rotate
 
 TILT = rotate(torch.tensor([1.0, 0.4, 0.2], dtype=torch.float64), 23.0)
-UP = TILT.rotation @ direction("z")
+UP = TILT.rotation @ axis_vector("z")
 
 
 def degrees_apart(first, second):
@@ -22,7 +23,7 @@ def tilted_cameras(arc=360.0, count=12):
     """Level cameras that look down at the middle, in a world that is tilted."""
     angles = torch.linspace(0, math.radians(arc), count + 1, dtype=torch.float64)[:-1]
     places = torch.stack([3 * angles.cos(), 3 * angles.sin(), 1 + 0.3 * angles], dim=1)
-    cameras = Cameras.look_at(places, width=32, height=24, up=direction("z"))
+    cameras = Cameras.look_at(places, width=32, height=24, up=axis_vector("z"))
     cameras = replace(cameras, world_to_camera=TILT.camera(cameras.world_to_camera))
     return tuple(cameras.select([index]) for index in range(count))
 
@@ -81,7 +82,7 @@ def test_a_cloud_has_no_floor():
     generator = torch.Generator().manual_seed(0)
     points = torch.randn(3000, 3, generator=generator, dtype=torch.float64)
     with pytest.raises(ValueError, match="no plane within 40 degrees"):
-        alignment.fit_floor(points, torch.ones(3000), direction("z"))
+        alignment.fit_floor(points, torch.ones(3000), axis_vector("z"))
 
 
 def test_the_true_size_is_exact():

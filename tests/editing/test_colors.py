@@ -61,13 +61,3 @@ def test_white_balance_makes_its_colour_grey_and_keeps_its_brightness():
     grey = colors.white_balance(*color.tolist()).matrix @ color
     luma = float(torch.tensor(colors.LUMA, dtype=torch.float64) @ color)
     assert grey.tolist() == pytest.approx([luma] * 3)
-
-
-def test_colours_of_a_lower_degree_are_the_first_bands():
-    splats = soft_splats()
-    short = colors.truncated(splats, 1).colors
-    assert torch.equal(short.coefficients, splats.colors.coefficients[:, :4])
-    assert colors.truncated(splats, 3) is splats
-    longer = colors.of_degree(splats.colors, 3)
-    assert longer.coefficients.shape == (40, 16, 3)
-    assert float(longer.coefficients[:, 9:].abs().max()) == 0

@@ -9,9 +9,8 @@ from support.scenes import random_splats
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths.frame import transform_splats
-from gsfw.core.splats import Sh
+from gsfw.core.splats import Sh, Splats
 from gsfw.editing.decimation import decimate
-from gsfw.editing.merging import joined
 from gsfw.editing.refit import Comparison, refitted
 
 # What is checked are renders, many of them; shapes are those of other tests.
@@ -26,7 +25,7 @@ def every_one_twice():
     """Splats of half the opacity, each twice: half of them suffice."""
     splats = world_splats(60)
     thin = replace(splats, opacities=1 - (1 - splats.opacities.clamp_max(0.9)).sqrt())
-    return joined(thin, thin)
+    return Splats.cat([thin, thin])
 
 
 def test_decimation_is_exact_in_number_and_its_loss_is_bounded():

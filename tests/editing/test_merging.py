@@ -6,7 +6,7 @@ from support.scenes import random_splats
 
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.splats import Sh, Splats
-from gsfw.editing.merging import _areas, joined, merged_down
+from gsfw.editing.merging import _areas, merged_down
 
 
 def covariances(splats):
@@ -41,7 +41,7 @@ def test_a_pair_keeps_its_mean_covariance_mass_and_colour():
 def test_the_useless_and_the_alike_are_merged_and_the_rest_keeps_its_bits():
     splats = random_splats(50, 1, dtype=torch.float64)
     twin = splats.take(torch.tensor([7]))
-    both = joined(splats, twin)
+    both = Splats.cat([splats, twin])
     left = merged_down(both, torch.ones(51, dtype=torch.float64), 50)
     others = torch.tensor([row for row in range(50) if row != 7])
     assert torch.equal(left.means[:49], splats.means[others])

@@ -7,6 +7,7 @@ from support.scenes import front_camera
 from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import (
     at_times,
+    gathered,
     look_at,
     orbit,
     spiral,
@@ -110,3 +111,14 @@ def test_each_camera_of_a_path_gets_its_own_time():
     cameras = at_times(path, [0.0, 0.5, 1.0])
     assert cameras.time.tolist() == [0.0, 0.5, 1.0]
     assert torch.equal(cameras.world_to_camera, path.world_to_camera)
+
+
+def test_gathered_cameras_have_all_poses_and_the_lens_of_the_first():
+    around = ring(torch.zeros(3, dtype=torch.float64), 3)
+    apart = [around.select([index]) for index in range(3)]
+    apart[1] = at_times(apart[1].resized(7, 5), [0.5])
+    together = gathered(apart)
+    assert torch.equal(together.world_to_camera, around.world_to_camera)
+    assert torch.equal(together.intrinsics, around.intrinsics)
+    assert (together.width, together.height) == (around.width, around.height)
+    assert together.time is None

@@ -18,7 +18,6 @@ from gsfw.studies.tradeoff.edits import (
     StaticConversion,
     TemporalCulling,
     by_motion,
-    sh_degree,
 )
 from gsfw.studies.tradeoff.subject import Subject
 
@@ -44,22 +43,15 @@ def test_truncation_draws_what_zeroed_coefficients_draw(form, degree):
     rasterizer, camera = ReferenceRasterizer(), front_camera()
     expected = rasterizer.render(replace(splats, colors=Sh(zeroed, 3)), camera).color
     torch.testing.assert_close(rasterizer.render(cut, camera).color, expected, atol=1e-6, rtol=0)
-    assert sh_degree(cut) == degree
+    assert cut.sh_degree == degree
 
 
-def test_ragged_colours_lose_only_what_is_above_the_degree():
-    splats = of_mixed_degrees(random_splats(12, degree=3))
-    cut = ShTruncation(1)(splats)
-    assert cut.colors.offsets.diff().tolist() == [0, 3, 3, 3] * 3
-    torch.testing.assert_close(cut.colors.dense(), splats.colors.dense()[:, :4])
-
-
-def test_colours_of_no_higher_degree_and_channels_stay_as_they_are():
-    splats = random_splats(5, degree=1)
-    assert ShTruncation(2)(splats) is splats
-    channels = replace(splats, colors=torch.rand(5, 3))
-    assert ShTruncation(0)(channels) is channels
-    assert sh_degree(channels) == 0
+def test_truncated_colours_lie_in_memory_of_their_own():
+    splats = random_splats(12, degree=3)
+    for given in (splats, in_two_parts(splats)):
+        cut = ShTruncation(1)(given).colors
+        assert all(tensor.is_contiguous() for tensor in cut.tensors().values())
+    assert ShTruncation(3)(splats) is splats
 
 
 def test_what_is_fainter_than_any_pixel_shows_changes_no_bit():
