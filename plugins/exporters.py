@@ -89,7 +89,8 @@ def check_suffix(path: Path, form: str, exporter: Exporter, registry: Registry) 
     if named is None or named == form:
         return
     suffix = load("exporter", registry.find("exporter", named)).suffix
-    if suffix in (Path(exporter.suffix).suffix, *exporter.other_suffixes):
+    own = (exporter.suffix, Path(exporter.suffix).suffix, *exporter.other_suffixes)
+    if suffix in own:
         return
     stem = path.name[: -len(suffix)]
     other = f"a folder: {stem}" if exporter.is_folder else f"another name: {stem}{exporter.suffix}"

@@ -108,9 +108,13 @@ def without_new_folders(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def folder_or_nothing(folder: Path) -> Iterator[None]:
-    """After an error, remove a folder with all of its files, unless it was there before."""
-    is_new = not folder.exists()
-    with without_new_folders(folder.parent):
+    """After an error, remove a folder with all of its files, unless it was there before.
+
+    Raises:
+        OutputError: in place of an ``OSError``.
+    """
+    with readable_write_errors(folder), without_new_folders(folder.parent):
+        is_new = not folder.exists()
         try:
             yield
         except BaseException:

@@ -1,4 +1,4 @@
-"""Axes of a world by name: "z", "-y". Files and scenes state so which way is up."""
+"""Axes of a world by name: "z", "-y". Files and scenes say in this way which way is up."""
 
 from __future__ import annotations
 

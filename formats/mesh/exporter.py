@@ -29,6 +29,7 @@ OUTSIDE = 0.01
 """Part of the seen points, at each end of each axis, that the resolution does not count."""
 SAMPLE = 4000
 """Points of a view by which the size of the scene is measured."""
+NO_SURFACE = "no view shows a surface. Lower format.least_alpha, or raise format.max_depth"
 
 
 @dataclass(frozen=True)
@@ -116,9 +117,7 @@ class MeshExporter(Exporter):
         points = [_sample(next(surface_points(view, on_surface))) for view in views]
         seen = np.concatenate([np.zeros((0, 3)), *points])
         if len(seen) == 0:
-            raise ValueError(
-                "no view shows a surface. Lower format.least_alpha, or raise format.max_depth"
-            )
+            raise ValueError(NO_SURFACE)
         low, high = np.quantile(seen, [OUTSIDE, 1 - OUTSIDE], axis=0)
         side = max(float((high - low).max()), 1e-9)
         voxel = self.voxel or max(side / self.resolution, FINEST * footprint)
@@ -135,7 +134,10 @@ class MeshExporter(Exporter):
 
         Raises:
             ConfigError: it is larger, or too small for the grid.
+            ValueError: no size was given, and the surfaces are smaller than a pixel.
         """
+        if voxel > side and not self.voxel:
+            raise ValueError(NO_SURFACE)
         if voxel > side:
             raise ConfigError(
                 f"format.voxel={voxel:g} is larger than the surfaces, whose longest side is "

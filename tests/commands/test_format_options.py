@@ -12,7 +12,8 @@ from gsfw.api import open as open_run
 from gsfw.commands.interface.completion_table import completion_table
 from gsfw.commands.main import main
 from gsfw.core.exchange import Exporter
-from gsfw.plugins.exporters import exporter_options, format_of, make_exporter
+from gsfw.formats.compressed_ply import CompressedPlyExporter
+from gsfw.plugins.exporters import check_suffix, exporter_options, format_of, make_exporter
 from gsfw.plugins.registry import installed
 
 pytestmark = pytest.mark.unchecked
@@ -165,6 +166,16 @@ def test_the_longest_suffix_chooses_the_format():
     assert format_of(Path("a.large.dots"), installed()) == "plain"
     assert format_of(Path("a.ply"), installed()) == "ply"
     assert format_of(Path("site"), installed()) is None
+
+
+def test_a_format_may_have_the_suffix_of_another_one():
+    class Packed(CompressedPlyExporter):
+        """Has the name of files of compressed-ply."""
+
+    check_suffix(Path("z.compressed.ply"), "packed", Packed(), installed())
+    check_suffix(Path("z.ply"), "packed", Packed(), installed())
+    with pytest.raises(ConfigError, match=r"have format spz, and format=packed is given"):
+        check_suffix(Path("z.spz"), "packed", Packed(), installed())
 
 
 def test_a_format_that_is_a_folder_is_written_where_out_says(finished_run, tmp_path, capsys):

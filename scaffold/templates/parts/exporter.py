@@ -20,6 +20,7 @@ class MyPartExporter(Exporter):
     """Writes comma-separated values; view-dependent colour is left out."""
 
     suffix = ".csv"
+    most_sh_degree = 0
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically.

@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -121,6 +122,13 @@ def test_a_surface_that_too_few_views_see_is_refused(views):
     nothing = view_of_sphere((3.0, 0, 0), radius=1e-3, side=8)
     with pytest.raises(ValueError, match="no surface is seen by 3 views"):
         MeshExporter(resolution=16, min_views=3).mesh([views[4], views[6], nothing])
+
+
+def test_surfaces_smaller_than_a_pixel_are_none():
+    dot = replace(view_of_sphere((3.0, 0, 0), side=8), alpha=torch.zeros(8, 8))
+    dot.alpha[4, 4] = 1.0
+    with pytest.raises(ValueError, match="no view shows a surface"):
+        MeshExporter(resolution=16, min_views=1).mesh([dot])
 
 
 @pytest.mark.parametrize(
