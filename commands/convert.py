@@ -69,7 +69,7 @@ def run(arguments: list[str]) -> int:
     form = options.format or _format_of(Path(options.out), registry)
     exporter = make_exporter(form, registry, given)
     check_suffix(Path(options.out), form, exporter, registry)
-    found = find_run(options.source, console.say, splats=True, word="IN")
+    found = find_run(options.source, console.say, splats=True, lead="IN is")
     _check_fit(options, form, exporter, found)
     check_sh_degree(options.sh_degree, form, exporter)
     path = _target(options, exporter, found)
