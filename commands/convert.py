@@ -47,8 +47,8 @@ class ConvertOptions(Options):
     sh_degree: int | None = None
     """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that OUT holds."""
     check: Literal["auto", "true", "false"] = "auto"
-    """Read OUT back, and compare images of both from all around IN (PSNR). auto: unless there are
-    more than 1.5 million splats, which takes over a minute."""
+    """Read OUT back, and compare images of both from all around IN (PSNR); motion is compared with
+    its model in training views. auto: only up to 1.5 million splats; more take over a minute."""
 
 
 def run(arguments: list[str]) -> int:
@@ -69,7 +69,7 @@ def run(arguments: list[str]) -> int:
     form = options.format or _format_of(Path(options.out), registry)
     exporter = make_exporter(form, registry, given)
     check_suffix(Path(options.out), form, exporter, registry)
-    found = find_run(options.source, console.say, splats=True, word="IN")
+    found = find_run(options.source, console.say, splats=True, lead="IN is")
     _check_fit(options, form, exporter, found)
     check_sh_degree(options.sh_degree, form, exporter)
     path = _target(options, exporter, found)
@@ -214,26 +214,44 @@ class _Conversion:
 
     def _whole(self, taken: _Input, sizes: str) -> dict[str, Any]:
         """Say what a format has that holds more than splats at one time, and the loss."""
+        from gsfw.core.exchange import Holds
+
+        moved = f"{self.options.source} to {sizes}"
+        if self.exporter.holds is Holds.DEPTHS:
+            self.console.say(f"{moved}: the surface that views show")
+            return {"notes": []}
+        what, document, notes = self._about(taken)
+        self.console.say(f"{what}, of {moved}")
+        if taken.restored is None:
+            self._say_left_out(document["num_dropped"], 0)
+        for note in notes:
+            self.console.warn(note)
+        return document | {"notes": notes}
+
+    def _about(self, taken: _Input) -> tuple[str, dict[str, Any], list[str]]:
+        """The content of a format of motion, of tracks or of a model: words, data, warnings."""
         from gsfw.commands.interface.exported_motion import about_motion
         from gsfw.core.exchange import Holds
         from gsfw.plugins.run_source import RunSource
 
-        source, document, notes = taken.source, dict[str, Any](), list[str]()
+        source, holds = taken.source, self.exporter.holds
         if taken.restored is None:
-            document = {"num_gaussians": len(source.motion_file().content.splats)}
-            what = f"{document['num_gaussians']:,} moving splats"
-        elif self.exporter.holds is Holds.MOTION and isinstance(source, RunSource):
-            what, document, notes = about_motion(taken.restored, source)
-        elif self.exporter.holds is Holds.MODEL:
+            content = source.motion_file().content
+            count = len(content.splats)
+            document = {"num_gaussians": count, "num_dropped": content.num_dropped}
+            return f"{count:,} moving splats", document, []
+        if holds is Holds.MODEL:
             model = source.stored_model()
             what = f"method {model.method} with {model.rows:,} Gaussians"
-            document = {"num_gaussians": model.rows}
-        else:
-            what = "the surface that views show"
-        self.console.say(f"{what}, of {self.options.source} to {sizes}")
-        for note in notes:
-            self.console.warn(note)
-        return document | {"notes": notes}
+            return what, {"num_gaussians": model.rows}, []
+        assert isinstance(source, RunSource)
+        rows = taken.restored.composition.parts.model.num_rows
+        if holds is Holds.MOTION:
+            compare = bool(source.fits) and self._is_compared(rows)
+            return about_motion(taken.restored, source, compare)
+        times = len(source.times)
+        what = f"paths of {rows:,} Gaussians at {times} times"
+        return what, {"num_gaussians": rows, "num_times": times}, []
 
     def _input(self) -> _Input:
         """Read IN.
@@ -290,6 +308,16 @@ class _Conversion:
         if parts:
             self.console.say(f"left out: {', '.join(parts)}")
 
+    def _is_compared(self, count: int) -> bool:
+        """True to compare images of so many splats; says so if they are too many."""
+        if self.options.check == "auto" and count > MOST:
+            self.console.say(
+                f"not compared: images of {count:,} splats would take over a minute; check=true "
+                "makes them"
+            )
+            return False
+        return self.options.check != "false"
+
     def _loss(self, before: SplatFile, notes: list[str]) -> dict[str, Any]:
         """Compare OUT with IN; say the PSNR, or why there is none, and note what is gone."""
         from gsfw.core.metrics import PSNR_MAX
@@ -304,11 +332,7 @@ class _Conversion:
         if not readable:
             self.console.say(f"not compared: nothing here reads format {self.form}")
             return unknown
-        if self.options.check == "auto" and len(before.splats) > MOST:
-            self.console.say(
-                f"not compared: images of {len(before.splats):,} splats would take over a minute; "
-                "check=true makes them"
-            )
+        if not self._is_compared(len(before.splats)):
             return unknown
         with stage(f"reading {self.path.name}"):
             after = find_importer(self.path, self.registry).read(self.path)

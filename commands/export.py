@@ -85,11 +85,11 @@ def run(arguments: list[str]) -> int:
     exporter = make_exporter(options.format, registry, given)
     if options.out and not options.times:
         check_suffix(Path(options.out), options.format, exporter, registry)
+    _check_fit(options, exporter.holds)
     check_sh_degree(options.sh_degree, options.format, exporter)
     console = Console(options.json)
     found = find_run(options.run, console.say)
     check_finetune(options.finetune, found, exporter)
-    _check_fit(options, exporter.holds)
     restored = restore_run(found, registry, options.changed(), options.step)
     place = "DIR" if exporter.is_folder or options.times else "FILE"
     with other_place(f"another place with out={place}"):

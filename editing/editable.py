@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gsfw.core.contributions import Contributions
 from gsfw.core.exchange import SplatFile
-from gsfw.core.maths.axes import axis_vector
+from gsfw.core.maths.axes import known_axis
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Sh, Splats
@@ -134,7 +134,7 @@ class Editable(ABC):
 
     def upward(self) -> Float64[Tensor, " 3"] | None:
         """The upward direction in the world of now; ``None`` when unknown."""
-        return axis_vector(self.up) if self.up.strip() else None
+        return known_axis(self.up)
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,8 @@ class EditableSplats(Editable):
     def file_bytes(self, num_bytes: Callable[[Editable], int]) -> tuple[float, float]:
         """Bytes by the sizes of two files, of a sample of the rows and of a half of it."""
         count = min(len(self), SAMPLE)
-        half, whole = (num_bytes(self._sample(part)) for part in (max(1, count // 2), count))
+        # A refusal of all rows counts more of them than one of a half would.
+        whole, half = (num_bytes(self._sample(part)) for part in (count, max(1, count // 2)))
         each = (whole - half) / max(count - count // 2, 1)
         return whole - count * each, each
 

@@ -125,7 +125,8 @@ def read_steps(path: Path) -> list[Step]:
     except FileNotFoundError:
         raise DataError(
             f"edits={path}: there is no such file.",
-            f"Give an .edits.json file that gsfw edit has written, absolute or from {Path.cwd()}.",
+            "Give the path of an .edits.json file that gsfw edit has written, absolute or from "
+            f"{Path.cwd()}.",
         ) from None
     except (OSError, ValueError, KeyError, TypeError):
         is_ours, steps = False, []

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from gsfw.core.maths.axes import axis_name, axis_vector
+from gsfw.core.maths.axes import axis_name, known_axis
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.core.maths.similarity import Similarity
 
@@ -68,5 +68,6 @@ def rotation_between(
 
 
 def up_after(up: str, similarity: Similarity) -> str:
-    """The up direction of a file after a transform; empty if it is along no axis any more."""
-    return axis_name(similarity.rotation @ axis_vector(up)) if up.strip() else ""
+    """The up direction of a file after a transform; empty if it is along no axis (any more)."""
+    before = known_axis(up)
+    return "" if before is None else axis_name(similarity.rotation @ before)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -110,7 +111,7 @@ class Session:
         """
         restored, found = self._restored if not self.options.views else None, self.found
         if restored is None:
-            found = find_run(self.options.views, self.console.say, word="views")
+            found = find_run(self.options.views, self.console.say, lead="views=RUN:")
             restored = restore_run(found, self.registry, self.options.changed())
         composition = restored.composition
         parts, settings = composition.parts, composition.plan.settings
@@ -203,7 +204,7 @@ class Session:
         """The model of 3DGS that splats fit into, with cameras around them."""
         beyond = int((~held_by_float32(content.splats)).sum())
         if beyond:
-            raise ValueError(f"{beyond:,} splats have values that are no numbers of float32")
+            raise ValueError(f"{_splats_have(beyond)} values beyond float32")
         changed = self.options.changed()
         return RunSource(run_of_splats(content, self._output.path, self.registry, changed))
 
@@ -217,24 +218,38 @@ class Session:
             stored = without_bands(stored, min(degrees), self.registry)
         return _EditedModel(stored, source)
 
+    @contextmanager
+    def _value_errors(self) -> Iterator[None]:
+        """Turn an exporter's ValueError into a message for the user.
+
+        Raises:
+            DataError: in place of the exporter's ValueError.
+        """
+        output = self._output
+        try:
+            yield
+        except UserError:
+            raise
+        except ValueError as error:
+            raise DataError(
+                f"{output.path}: format {output.format} cannot hold this: {error}.",
+                "clean=all leaves out what no format can hold.",
+            ) from error
+
     def _num_bytes(self, piece: Editable) -> int:
         """Size of the file that would be written."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / self._output.path.name
-            self._output.exporter.write(path, self._content(piece))
+            with self._value_errors():
+                self._output.exporter.write(path, self._content(piece))
             return bytes_of(path)
 
     def _write(self, piece: Editable, results: Sequence[StepResult]) -> dict[str, Any]:
         """Write the file and its steps; return the rest of the document."""
         output = self._output
-        try:
-            with other_place(ELSEWHERE), stage(f"writing {output.path.name}"):
-                output.exporter.write(output.path, self._content(piece))
-        except UserError:
-            raise
-        except ValueError as error:
-            raise DataError(f"{output.path}: format {output.format} cannot hold this: {error}.",
-                "clean=all leaves out what no format can hold.") from error  # fmt: skip
+        name = output.path.name
+        with other_place(ELSEWHERE), self._value_errors(), stage(f"writing {name}"):
+            output.exporter.write(output.path, self._content(piece))
         with other_place(ELSEWHERE):
             write_atomically(output.steps, write_steps(results, self.found.name))
         after, before = bytes_of(output.path), self.found.num_bytes(self.registry)
@@ -244,6 +259,11 @@ class Session:
             f"the steps, to repeat them: edits={output.steps}"
         )
         return {"written": str(output.path), "edits": str(output.steps), "bytes": after}
+
+
+def _splats_have(count: int) -> str:
+    """The subject and the verb of a sentence on so many splats."""
+    return "1 splat has" if count == 1 else f"{count:,} splats have"
 
 
 @dataclass(frozen=True)

@@ -173,7 +173,7 @@ def run(arguments: list[str]) -> int:
     console, registry = Console(options.json), installed()
     steps = _steps(arguments)
     _check(options, steps)
-    found = find_run(options.file, console.say, splats=True, word="FILE")
+    found = find_run(options.file, console.say, splats=True, lead="FILE is")
     console.result(Session(options, given, steps, found, registry, console).run())
     return 0
 

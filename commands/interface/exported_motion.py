@@ -12,10 +12,16 @@ RECOLORED = 0.05
 """Change of colours over time, of 1, above which a note warns."""
 
 
-def about_motion(restored: Restored, source: RunSource) -> tuple[str, dict[str, Any], list[str]]:
+def about_motion(
+    restored: Restored, source: RunSource, compare: bool = True
+) -> tuple[str, dict[str, Any], list[str]]:
     """Describe the motion that an exporter has taken from a run: in words, as data, as warnings.
 
-    Renders a few views of a moving model, to measure how near the closed form is to it.
+    Args:
+        restored: the run.
+        source: the same run, after the exporter has taken its motion.
+        compare: true to render a few views of a moving model, which measure how near the closed
+            form is to it.
     """
     from gsfw.formats.visible_splats import without_invisible
     from gsfw.plugins.motion_quality import motion_psnr
@@ -24,7 +30,10 @@ def about_motion(restored: Restored, source: RunSource) -> tuple[str, dict[str, 
         count = len(without_invisible(source.splat_file())[0].splats)
         return f"{count:,} splats at rest", {"num_gaussians": count}, []
     (fit,) = source.fits.values()
-    near, pieces = motion_psnr(restored, fit.file), len(fit.file.content.splats)
+    near, pieces = None, len(fit.file.content.splats)
+    if compare:
+        near = motion_psnr(restored, fit.file)
+    quality = "" if near is None else f", {near:.1f} dB from the model"
     in_pieces = "" if pieces == fit.num_rows else f" in {pieces:,} pieces"
     notes = [f"{fit.num_dropped} splats were left out: they are not finite."]
     notes *= bool(fit.num_dropped)
@@ -34,7 +43,7 @@ def about_motion(restored: Restored, source: RunSource) -> tuple[str, dict[str, 
             "change less): the file has the colour in the middle of each one's presence."
         )
     return (
-        f"{fit.num_rows:,} moving splats{in_pieces}, {near:.1f} dB from the model",
+        f"{fit.num_rows:,} moving splats{in_pieces}{quality}",
         {
             "num_gaussians": fit.num_rows,
             "num_pieces": pieces,

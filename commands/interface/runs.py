@@ -60,7 +60,7 @@ class RunArgument:
 
 
 def find_run(
-    text: str, say: Callable[[str], None], splats: bool = False, word: str = "RUN"
+    text: str, say: Callable[[str], None], splats: bool = False, lead: str = "RUN is"
 ) -> RunArgument:
     """Find the run of RUN.
 
@@ -68,7 +68,7 @@ def find_run(
         text: the argument.
         say: receives a line on which run the latest is, if it is not below ``runs``.
         splats: a file of splats, or a folder with them, may be in place of a run.
-        word: name of the argument, for messages.
+        lead: first words of the advice, such as "RUN is".
 
     Raises:
         DataError: there is none; suggests the nearest name.
@@ -84,14 +84,14 @@ def find_run(
         return RunArgument(RunFolder(path.parent), None, splat_file=path)
     if not path.exists():
         kind = "run or splat file" if splats else "run"
-        raise DataError(f"there is no {kind} {text}.{_nearest(path)}", _advice(splats, word))
+        raise DataError(f"there is no {kind} {text}.{_nearest(path)}", _advice(splats, lead))
     folder = RunFolder(path)
     if folder.config.is_file():
         return RunArgument(folder, None)
     if not _holds_splats(path):
         _refuse_sequence(path)
         raise DataError(
-            f"{text} is not a run: it has no {folder.config.name}.", _advice(splats, word)
+            f"{text} is not a run: it has no {folder.config.name}.", _advice(splats, lead)
         )
     if splats:
         return RunArgument(RunFolder(path.parent), None, splat_file=path)
@@ -172,12 +172,12 @@ def _nearest(path: Path) -> str:
     return did_you_mean(path.name, siblings)
 
 
-def _advice(splats: bool, word: str) -> str:
+def _advice(splats: bool, lead: str) -> str:
     known = newest_runs()[:3]
     listed = f" Newest runs: {', '.join(map(str, known))}." if known else ""
     file = "a file of splats (such as .ply), " if splats else ""
     return (
-        f"{word} is the folder that gsfw train made, a checkpoint in it, a model file "
+        f"{lead} the folder that gsfw train made, a checkpoint in it, a model file "
         f"({MODEL_SUFFIX}), {file}or latest.{listed}"
     )
 

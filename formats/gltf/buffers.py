@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -37,6 +38,20 @@ class Buffers:
         places = {_place(path, unquote(uri)) for uri in uris if not uri.startswith(DATA)}
         sizes = [_size(path, place) for place in places]
         return len(self._binary) + inside * 3 // 4 + sum(sizes)
+
+    def beside(self) -> int:
+        """Bytes of the files beside the document that are there; each counts once."""
+        sizes: dict[Path, int] = {}
+        for buffer in self.stated:
+            with suppress(DataError):
+                uri = buffer.text("uri", default=DATA)
+                if uri.startswith(DATA):
+                    continue
+                place = _place(buffer.path, unquote(uri))
+                size = _size(buffer.path, place)
+                if place.is_file() and place != buffer.path.resolve():
+                    sizes[place] = size
+        return sum(sizes.values())
 
     def content(self, index: int) -> memoryview:
         """The bytes of a buffer.

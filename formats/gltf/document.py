@@ -111,8 +111,12 @@ class Document:
         )
 
 
-def read_document(path: Path) -> Document:
+def read_document(path: Path, binary: bool = True) -> Document:
     """Read a file.
+
+    Args:
+        path: the file.
+        binary: false to leave the binary chunk of a .glb out, which is most of the file.
 
     Raises:
         DataError: it is damaged, of another kind, or requires extensions that are not read.
@@ -121,9 +125,10 @@ def read_document(path: Path) -> Document:
         size = path.stat().st_size
         start = file.read(GLB_HEADER.size + CHUNK.size)
         if start.startswith(MAGIC):
-            text, binary = _chunks(path, start, file, size)
+            text = _json_chunk(path, start, file, size)
+            values = _binary_chunk(file, size) if binary else b""
         else:
-            text, binary = start + file.read(min(size, MOST_JSON)), b""
+            text, values = start + file.read(min(size, MOST_JSON)), b""
     if not start.startswith(MAGIC) and text.lstrip()[:1] != b"{":
         raise DataError(f"{path} is no glTF file: it begins neither with 'glTF' nor with '{{'.")
     root = _parsed(path, text)
@@ -134,11 +139,11 @@ def read_document(path: Path) -> Document:
             f"{path} requires {unread[0]}, an extension of glTF that is not read here.",
             "Export it without compression from the tool that made it.",
         )
-    return Document(root, binary)
+    return Document(root, values)
 
 
-def _chunks(path: Path, start: bytes, file: BinaryIO, size: int) -> tuple[bytes, bytes]:
-    """The JSON and the binary chunk of a .glb."""
+def _json_chunk(path: Path, start: bytes, file: BinaryIO, size: int) -> bytes:
+    """The JSON of a .glb, whose header is read."""
     if len(start) < GLB_HEADER.size + CHUNK.size:
         raise DataError(f"{path} is cut short: it has {len(start)} bytes.", COPY_AGAIN)
     _, version, length = GLB_HEADER.unpack_from(start)
@@ -153,11 +158,16 @@ def _chunks(path: Path, start: bytes, file: BinaryIO, size: int) -> tuple[bytes,
         )
     if kind != JSON_CHUNK:
         raise DataError(f"{path} is a damaged .glb file: it does not begin with JSON.", COPY_AGAIN)
-    text, header = file.read(count), file.read(CHUNK.size)
+    return file.read(count)
+
+
+def _binary_chunk(file: BinaryIO, size: int) -> bytes:
+    """The binary chunk of a .glb, whose JSON is read; empty for none."""
+    header = file.read(CHUNK.size)
     if len(header) < CHUNK.size:
-        return text, b""
+        return b""
     count, kind = CHUNK.unpack(header)
-    return text, file.read(min(count, size)) if kind == BINARY_CHUNK else b""
+    return file.read(min(count, size)) if kind == BINARY_CHUNK else b""
 
 
 def _parsed(path: Path, text: bytes) -> JsonFields:

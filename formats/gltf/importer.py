@@ -8,6 +8,7 @@ import numpy as np
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.files.size import bytes_of
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Splats
@@ -72,6 +73,14 @@ class GltfImporter(Importer):
             },
             num_dropped=sum(dropped for _, dropped in read),
         )
+
+    def size(self, path: Path) -> int:
+        """Bytes of the file, with the files beside it that its buffers link to.
+
+        Raises:
+            DataError: it is damaged or no glTF.
+        """
+        return bytes_of(path) + read_document(path, binary=False).buffers.beside()
 
 
 def _placed_primitives(document: Document) -> list[tuple[JsonFields, Matrix]]:

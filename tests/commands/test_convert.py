@@ -6,6 +6,7 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from support.scenes import random_splats
@@ -17,7 +18,7 @@ from gsfw.core.metrics import PSNR_MAX
 from gsfw.core.motion.evaluation import splats_at
 from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.formats.splatv import SplatvExporter, SplatvImporter
-from gsfw.plugins import orbit_psnr
+from gsfw.plugins import motion_quality, orbit_psnr
 
 pytestmark = pytest.mark.unchecked
 
@@ -290,8 +291,56 @@ def test_a_file_of_moving_splats_keeps_its_motion_where_the_other_format_holds_i
     assert main(["convert", "d.ply", "g.splatv", "time=0.5"]) == 0
 
 
+def test_rows_of_a_moving_file_that_are_not_finite_are_counted(tmp_path, capsys):
+    still = Motion.none(20)
+    moving = MotionFile(
+        SplatFile(splats(degree=0)), replace(still, path=still.path + 1), (0.0, 1.0)
+    )
+    SplatvExporter().write(tmp_path / "a.splatv", moving)
+    raw = bytearray((tmp_path / "a.splatv").read_bytes())
+    start = 8 + int.from_bytes(raw[4:8], "little")
+    raw[start : start + 4] = b"\x00\x00\xc0\x7f"  # The first mean is NaN.
+    (tmp_path / "a.splatv").write_bytes(raw)
+    assert main(["convert", "a.splatv", "b.splatv"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("19 moving splats, of a.splatv to b.splatv, ")
+    assert said.endswith("left out: 1 that are not finite\n")
+    found = converted(capsys, "a.splatv", "b.splatv")
+    assert (found["num_gaussians"], found["num_dropped"]) == (19, 1)
+
+
+def test_motion_is_compared_unless_the_check_is_left_out(moving_run, capsys, monkeypatch):
+    def never(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(motion_quality, "motion_psnr", never)
+    assert converted(capsys, moving_run, "a.splatv", "check=false")["fit_psnr"] is None
+    assert main(["convert", str(moving_run), "a.splatv", "check=false"]) == 0
+    said = capsys.readouterr().out
+    assert f" moving splats, of {moving_run} to a.splatv, " in said
+    assert " dB" not in said
+    monkeypatch.setattr(convert, "MOST", 1)
+    assert main(["convert", str(moving_run), "a.splatv"]) == 0
+    assert capsys.readouterr().out.startswith("not compared: images of ")
+
+
+def test_paths_of_a_run_are_counted(moving_run, capsys):
+    found = converted(capsys, moving_run, "a.npz")
+    assert main(["convert", str(moving_run), "a.npz"]) == 0
+    count, times = found["num_gaussians"], found["num_times"]
+    expected = f"paths of {count:,} Gaussians at {times} times, of {moving_run} to a.npz, "
+    assert capsys.readouterr().out.startswith(expected)
+    with np.load("a.npz") as archive:
+        assert any(
+            array.shape[:2] in ((times, count), (count, times)) for array in archive.values()
+        )
+
+
 @pytest.mark.slow
-def test_a_mesh_is_made_of_a_file_of_splats(tmp_path):
+def test_a_mesh_is_made_of_a_file_of_splats(tmp_path, capsys):
     PlyExporter().write(tmp_path / "a.ply", SplatFile(splats(2000, degree=0)))
     assert main(["convert", "a.ply", "b.obj", "format=mesh", "format.resolution=48"]) == 0
     assert (tmp_path / "b.obj").read_text().count("\nf ") > 100
+    said = capsys.readouterr().out
+    assert said.startswith("a.ply to b.obj, ")
+    assert said.endswith(": the surface that views show\n")

@@ -101,7 +101,7 @@ def test_the_input_is_never_written_to(ply, tmp_path, capsys):
     assert "is a file of splats, and has no steps" in refusal(capsys, ply, "scale=2", "step=1")
     for key, remedy in (
         ("merge", "Give the path of a file of splats"),
-        ("edits", "Give an .edits"),
+        ("edits", "Give the path of an .edits"),
     ):
         said = refusal(capsys, ply, f"{key}=no.ply")
         assert said.startswith(f"error: {key}=no.ply: there is no such file.\n{remedy}")
@@ -209,9 +209,23 @@ def test_splats_become_a_model_file(ply, tmp_path, capsys):
 
 
 def test_splats_beyond_float32_become_no_model_file(ply, tmp_path, capsys):
-    said = refusal(capsys, ply, "scale=1e300", f"out={tmp_path / 'a.gsfw'}")
-    assert "cannot hold this: 41 splats have values that are no numbers of float32." in said
-    assert "clean=all leaves out what no format can hold." in said
+    out = tmp_path / "a.gsfw"
+    expected = (
+        f"error: {out}: format gsfw cannot hold this: 41 splats have values beyond float32.\n"
+        "clean=all leaves out what no format can hold.\n"
+    )
+    for steps in (["scale=1e300"], ["scale=1e300", "decimate.mb=0.001"]):
+        assert refusal(capsys, ply, *steps, f"out={out}") == expected
+    one = "cannot hold this: 1 splat has values beyond float32."
+    assert one in refusal(capsys, ply, "scale=1e37", f"out={out}")
+    assert [path.name for path in tmp_path.iterdir()] == ["in.ply"]
+
+
+def test_views_that_are_no_run_are_refused_with_the_option_that_named_them(ply, tmp_path, capsys):
+    said = refusal(capsys, ply, "views=nowhere", "crop.views=2", f"out={tmp_path / 'a.ply'}")
+    assert said.startswith(
+        "error: there is no run nowhere.\nviews=RUN: the folder that gsfw train made, a checkpoint "
+    )
 
 
 @pytest.mark.slow

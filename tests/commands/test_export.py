@@ -162,6 +162,15 @@ def test_a_sequence_of_a_static_run_is_refused_with_advice(run, capsys):
     ]  # fmt: skip
 
 
+def test_a_degree_for_a_format_of_all_times_is_refused_once(run, capsys):
+    refusals = set()
+    for degree in (0, 1):
+        assert main(["export", str(run), "format=splatv", f"sh_degree={degree}"]) == 2
+        refusals.add(capsys.readouterr().err)
+    (said,) = refusals
+    assert said.startswith("error: format=splatv: keep and sh_degree cut down one set of splats.")
+
+
 @pytest.mark.parametrize("times", ["0", "-2", "many", "2.5", "٣"])
 def test_times_are_a_number_of_files_or_all(run, capsys, times):
     assert main(["export", str(run), f"times={times}"]) == 2

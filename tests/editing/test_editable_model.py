@@ -118,9 +118,9 @@ def test_upper_bands_are_left_out_of_ragged_and_of_dense_columns():
 
 
 def test_what_a_row_adds_is_measured_at_the_time_of_each_view():
-    shares = balls().contributions()
-    assert shares.views.tolist() == [4, 4]
-    assert (shares.total > 10).all()
+    contributions = balls().contributions()
+    assert contributions.views.tolist() == [4, 4]
+    assert (contributions.total > 10).all()
     assert names(edited(balls(), "decimate.count", "1").piece) != ["red", "blue"]
 
 

@@ -1,5 +1,7 @@
 """Steps are read from text, applied in order, counted, and kept in a file that repeats them."""
 
+from pathlib import Path
+
 import pytest
 import torch
 from support.editing import WORLD, edited, nothing_around, piece_of
@@ -103,8 +105,12 @@ def test_another_file_is_no_file_of_steps(tmp_path, content, message):
     path.write_text(content)
     with pytest.raises(DataError, match=message):
         read_steps(path)
-    with pytest.raises(DataError, match="there is no such file"):
+    with pytest.raises(DataError, match="there is no such file") as refusal:
         read_steps(tmp_path / "b.json")
+    assert refusal.value.advice == (
+        "Give the path of an .edits.json file that gsfw edit has written, absolute or from "
+        f"{Path.cwd()}."
+    )
 
 
 def test_upright_needs_cameras_that_somebody_held():
@@ -118,6 +124,8 @@ def test_a_floor_needs_an_upward_direction():
     with pytest.raises(ConfigError, match="which way is up is not known") as refusal:
         edited(piece_of(splats()), "floor", "0")
     assert refusal.value.advice == "Align first: align=cameras"
+    with pytest.raises(ConfigError, match="which way is up is not known"):
+        edited(piece_of(splats(), up="Y-up"), "floor", "0")
 
 
 def test_cameras_move_with_the_world():

@@ -76,7 +76,8 @@ def test_the_upward_axis_of_a_file_follows_quarter_turns_and_is_forgotten_after_
     assert transforms.up_after("z", rotate(axis_vector("x"), 90.0)) == "-y"
     assert transforms.up_after("-y", scale(3.0)) == "-y"
     assert transforms.up_after("z", rotate(axis_vector("x"), 30.0)) == ""
-    assert transforms.up_after("", scale(3.0)) == ""
+    for unknown in ("", "Y-up"):
+        assert transforms.up_after(unknown, scale(3.0)) == ""
 
 
 def test_transforms_without_a_meaning_are_refused():

@@ -161,6 +161,28 @@ def test_buffers_beside_the_file_and_inside_of_it_are_read(tmp_path):
         check_quantised(given, read(path).splats)
 
 
+def test_the_size_counts_each_file_beside_it_once_and_none_that_is_missing(tmp_path):
+    document, binary = quantised(small())
+    path, inline = tmp_path / "a.gltf", "data:application/octet-stream;base64,"
+    (tmp_path / "b c.bin").write_bytes(binary)
+    linked = [{"byteLength": 9, "uri": "b%20c.bin"}] * 2
+    unread = [
+        {"uri": uri}
+        for uri in ("none.bin", "../b.bin", "n" * 300, ".", 3, inline + "AAAA", "a.gltf")
+    ]
+    document["buffers"] = [*linked, *unread]
+    path.write_text(json.dumps(document))
+    assert GltfImporter().size(path) == path.stat().st_size + len(binary)
+    put_together(
+        tmp_path / "a.glb", {**document, "buffers": [{"byteLength": 8}, *linked]}, b"x" * 8
+    )
+    assert GltfImporter().size(tmp_path / "a.glb") == (
+        (tmp_path / "a.glb").stat().st_size + len(binary)
+    )
+    alone = write(tmp_path / "alone.glb", small())
+    assert GltfImporter().size(alone) == alone.stat().st_size
+
+
 def placed(document, **node):
     """The document with its mesh below a node."""
     return {**document, "nodes": [{"children": [1], **node}, {"mesh": 0}]}
