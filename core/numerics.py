@@ -17,6 +17,9 @@ DEPTH_MIN = 1e-12
 """Splats nearer than this are never rendered, whatever the near plane: 1 / depth squared must
 fit float32."""
 
+MAX_LOG_SCALE = 88.0
+"""Largest logarithm of a scale, as files hold it, whose exp is finite in float32."""
+
 LENGTH_MAX = 1e9
 """Upper bound of standard deviations, in scene units and again in pixels. Splats with a centre
 further outside the image (pixels) are not rendered: fourth powers of this still fit float32."""

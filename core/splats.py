@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.maths.spherical_harmonics import num_coefficients
+from gsfw.core.numerics import MAX_LOG_SCALE
 
 
 @dataclass(frozen=True)
@@ -239,6 +240,23 @@ class Splats:
             return replace(replace(self, rows=None).map(taken), rows=drawn)
         bare = replace(self, rows=None, colors=self.means).map(taken)
         return replace(bare, colors=self.colors.take(rows), rows=drawn)
+
+    def held_by_float32(self) -> Bool[Tensor, " n"]:
+        """The rows whose values, and logarithms of scales, files of float32 hold as finite ones."""
+        held = torch.ones(len(self), dtype=torch.bool, device=self.means.device)
+        if self.scales is not None:
+            held &= (self.scales.log().float() <= MAX_LOG_SCALE).all(dim=1)
+        named = self.tensors()
+        rest = named.pop("rest", None)
+        for values in named.values():
+            held &= values.float().isfinite().reshape(len(self), -1).all(dim=1)
+        if rest is not None:
+            assert isinstance(self.colors, Sh)
+            assert self.colors.offsets is not None
+            owners = torch.arange(len(self), device=held.device)
+            owners = owners.repeat_interleave(self.colors.offsets.diff())
+            held[owners[~rest.float().isfinite().all(dim=1)]] = False
+        return held
 
     def up_to(self, degree: int) -> Splats:
         """The splats without SH bands above a degree (``Sh.up_to``); channels stay as they are."""

@@ -17,8 +17,6 @@ HUGE = 0.5
 """Longest axis (standard deviation) of a needle, in sizes of the scene."""
 NEEDLE = 20.0
 """Longest axis of a needle, relative to its middle one."""
-LARGEST_LOG_SCALE = 88.0
-"""Logarithm of the largest scale that files hold: above it, exp overflows in float32."""
 SCENE = (0.02, 0.98)
 """Part of the splats below and above the box that is the size of the scene."""
 SAMPLE = 100_000
@@ -27,12 +25,7 @@ SAMPLE = 100_000
 
 def not_finite(splats: Splats) -> Bool[Tensor, " n"]:
     """True for rows with any value that is not finite in float32, as files hold it."""
-    found = torch.zeros(len(splats), dtype=torch.bool, device=splats.means.device)
-    for tensor in splats.tensors().values():
-        found |= ~tensor.reshape(len(splats), -1).float().isfinite().all(1)
-    if splats.scales is not None:
-        found |= ~(splats.scales.log() <= LARGEST_LOG_SCALE).all(1)
-    return found
+    return ~splats.held_by_float32()
 
 
 def invisible(splats: Splats) -> Bool[Tensor, " n"]:

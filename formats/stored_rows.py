@@ -18,6 +18,7 @@ from torch import Tensor
 from gsfw.core.errors import DataError
 from gsfw.core.maths.rotations import unit_quaternions
 from gsfw.core.maths.spherical_harmonics import C0, degree_of, mirror_signs
+from gsfw.core.numerics import MAX_LOG_SCALE
 from gsfw.core.splats import Sh, Splats
 
 CHUNK = 1 << 16
@@ -25,8 +26,8 @@ CHUNK = 1 << 16
 MIN_LOGIT, MAX_LOGIT = -110.0, 20.0
 """Logits of opacities 0 and 1. Both are read back as 0 and 1 in float32, and every logit between
 them survives sigmoid and logit in float64 to the last float32 bit; larger ones do not."""
-MIN_LOG_SCALE, MAX_LOG_SCALE = -110.0, 88.0
-"""Logarithm of a scale of 0: exp of it is 0 in float32; and the largest that has an exp there."""
+MIN_LOG_SCALE = -110.0
+"""Logarithm of a scale of 0: exp of it is 0 in float32."""
 MAX_COORDINATE = float(np.finfo(np.float32).max)
 """Coordinates above this, as files in double precision may have them, become infinite."""
 
@@ -242,19 +243,6 @@ def _finite(rows: StoredRows) -> StoredRows:
     for values in (rows.quats, rows.dc, rows.rest):
         finite &= np.isfinite(values).reshape(len(rows), -1).all(axis=1)
     return rows if finite.all() else rows.take(finite)
-
-
-def held_by_float32(splats: Splats) -> Bool[Tensor, " n"]:
-    """The rows that are finite in float32, as ``activated`` leaves them; others cannot be drawn.
-
-    Args:
-        splats: in quats and scales form, after a transform in float64.
-    """
-    assert splats.scales is not None
-    held = (splats.scales.log().float() <= MAX_LOG_SCALE).all(dim=1)
-    for values in splats.tensors().values():
-        held &= values.float().isfinite().reshape(len(splats), -1).all(dim=1)
-    return held
 
 
 def _activated(rows: StoredRows) -> Splats:

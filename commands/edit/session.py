@@ -33,7 +33,6 @@ from gsfw.editing.editable_model import EditableModel
 from gsfw.editing.operations.catalogue import OPERATIONS
 from gsfw.editing.operations.edit import Surroundings
 from gsfw.editing.script import Step, StepResult, apply, write_steps
-from gsfw.formats.stored_rows import held_by_float32
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.exporters import check_sh_degree
 from gsfw.plugins.initial_splats import find_importer
@@ -202,7 +201,7 @@ class Session:
 
     def _as_model(self, content: SplatFile) -> RunSource:
         """The model of 3DGS that splats fit into, with cameras around them."""
-        beyond = int((~held_by_float32(content.splats)).sum())
+        beyond = int((~content.splats.held_by_float32()).sum())
         if beyond:
             raise ValueError(f"{_splats_have(beyond)} values beyond float32")
         changed = self.options.changed()

@@ -27,8 +27,10 @@ def about_motion(
     from gsfw.plugins.motion_quality import motion_psnr
 
     if not source.fits:
-        count = len(without_invisible(source.splat_file())[0].splats)
-        return f"{count:,} splats at rest", {"num_gaussians": count}, []
+        content = source.splat_file()
+        count = len(without_invisible(content)[0].splats)
+        document = {"num_gaussians": count, "num_dropped": content.num_dropped}
+        return f"{count:,} splats at rest", document, list(content.notes())
     (fit,) = source.fits.values()
     near, pieces = None, len(fit.file.content.splats)
     if compare:

@@ -26,7 +26,7 @@ from gsfw.formats.gltf.layout import (
 )
 from gsfw.formats.gltf.nodes import Matrix, place, placed_meshes
 from gsfw.formats.json_fields import JsonFields
-from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, activated, held_by_float32
+from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, activated
 
 ALWAYS = 1_000_000
 """Splats that may come from repeated use of few; more only if the file has as many bytes."""
@@ -136,7 +136,7 @@ def _splats(document: Document, primitive: JsonFields, matrix: Matrix) -> tuple[
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = flip @ matrix @ flip
     placed = place(splats, matrix, f"{path}: {primitive.where}")
-    held = held_by_float32(placed)
+    held = placed.held_by_float32()
     if not held.any():
         raise DataError(
             f"{path} holds no splats: the transforms of the nodes of {primitive.where} move all "

@@ -247,7 +247,7 @@ def test_an_unknown_axis_names_those_there_are(run, capsys):
     [
         (["keep=0"], "keep=0: expected a part above 0, and at most 1."),
         (["keep=1.5"], "keep=1.5: expected a part above 0, and at most 1."),
-        (["sh_degree=-1"], "sh_degree=-1: expected 0 or more."),
+        (["sh_degree=-1"], "sh_degree=-1: expected a degree from 0 to 4."),
         (
             ["keep=0.5", "format=gsfw"],
             "format=gsfw: keep and sh_degree cut down one set of splats.\n"

@@ -194,3 +194,20 @@ def test_tensors_are_those_that_are_present():
         rows=torch.arange(7),
     )
     assert list(other.tensors()) == ["means", "opacities", "colors", "covariances", "extra"]
+
+
+def test_rows_that_float32_cannot_hold_are_told_in_any_colours():
+    splats = random_splats(6, 1)
+    assert isinstance(splats.colors, Sh)
+    assert splats.scales is not None
+    wide = splats.map(lambda tensor: tensor.double().clone())
+    wide.means[0, 1] = 1e39
+    wide.scales[2] = 2e38  # Finite, and above what files hold as a logarithm.
+    ragged = wide.colors.of_degrees(torch.tensor([1, 1, 0, 1, 0, 1]))
+    ragged.rest[3] = float("nan")  # Each row of degree 1 has three: the second row's first.
+    found = replace(wide, colors=ragged).held_by_float32()
+    assert found.tolist() == [False, False, False, True, True, True]
+    ragged.rest[-1] = float("inf")
+    found = replace(wide, colors=ragged).held_by_float32()
+    assert found.tolist() == [False, False, False, True, True, False]
+    assert splats.held_by_float32().all()

@@ -23,6 +23,7 @@ CAPTURES = (
     "fox",
     "chair",
     "plush",
+    "robot",
     "path/to/capture",
     "captures/fox",
     "OUT",

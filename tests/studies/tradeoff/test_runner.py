@@ -15,6 +15,8 @@ from gsfw.core.loop.evaluation import evaluate
 from gsfw.core.loop.memory import added_memory_mb
 from gsfw.core.metrics import psnr
 from gsfw.formats.ply import PlyImporter
+from gsfw.plugins.exporters import make_exporter
+from gsfw.plugins.registry import installed
 from gsfw.studies.tradeoff.catalogue import catalogue
 from gsfw.studies.tradeoff.finished_model import PROBE_SIDE, PROBES, LeftOut, evenly
 from gsfw.studies.tradeoff.flip import flip
@@ -107,7 +109,9 @@ def test_sizes_are_those_of_the_files_that_the_commands_write(model, records, tm
     assert len(written) == 1 + 3 + 4 + len(formats) + 2
     for number, record in enumerate(written[::3]):
         verb, *words = record.command
-        out = tmp_path / f"{number}.ply"
+        form = next((word for word in words if word.startswith("format=")), "format=ply")
+        suffix = make_exporter(form.removeprefix("format="), installed()).suffix
+        out = tmp_path / f"{number}{suffix}"
         assert main([verb, run, *words, f"out={out}"]) == 0
         assert out.stat().st_size == record.file_bytes, record.name
 
