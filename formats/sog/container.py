@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.core.files.reading import readable
 
 META = "meta.json"
 """Name of the description."""
@@ -133,11 +132,12 @@ def opened(path: Path) -> Iterator[Container]:
         DataError: it cannot be read, or is a damaged archive.
     """
     try:
-        with readable(path):
-            path = path / META if path.is_dir() else path
-            with path.open("rb") as file:
-                start = file.read(2)
-    except ValueError as error:
+        path = path / META if path.is_dir() else path
+        with path.open("rb") as file:
+            start = file.read(2)
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror}.") from None
+    except ValueError as error:  # A name that no file can have.
         raise DataError(f"{path} cannot be read: {error}.") from None
     if start[:1] == b"{":
         yield Folder(path)
