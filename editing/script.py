@@ -85,7 +85,7 @@ def apply(
         steps: in their order.
         piece: what is edited.
         around: what edits need besides.
-        done: is told what each did.
+        done: called with the result of each step.
 
     Raises:
         DataError: nothing is left.

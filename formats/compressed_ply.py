@@ -64,11 +64,7 @@ class CompressedPlyExporter(Exporter):
     """Writes files with bounds of colours, as SuperSplat 2 does."""
 
     suffix = ".compressed.ply"
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return MAX_DEGREE
+    most_sh_degree = MAX_DEGREE
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; bands above the active SH degree, or above 3, are omitted.

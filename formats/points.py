@@ -21,6 +21,7 @@ class PointsExporter(Exporter):
     """Writes the middle of each splat, and its colour without view dependence."""
 
     suffix = ".points.ply"
+    most_sh_degree = 0
     is_readable = False
 
     min_opacity: float = 0.0
@@ -37,11 +38,6 @@ class PointsExporter(Exporter):
             raise ConfigError(
                 f"format.min_opacity={self.min_opacity:g}: expected a number in [0, 1]."
             )
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return 0
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically: positions as float, colours as 8 bits.

@@ -44,11 +44,7 @@ class SplatExporter(Exporter):
     """Writes the splats by descending volume times opacity."""
 
     suffix = ".splat"
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return 0
+    most_sh_degree = 0
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH of degree 1 and above is omitted.

@@ -76,12 +76,8 @@ class SplatvExporter(Exporter):
     """Writes moving splats, each in one piece; view dependence and growth are left out."""
 
     suffix = ".splatv"
+    most_sh_degree = 0
     holds = Holds.MOTION
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return 0
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically.

@@ -61,7 +61,7 @@ class RoundedModel(PrimitiveModel):
         return self.model.splats(time, cameras)
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
-        """As the model does."""
+        """The model's decoding."""
         return self.model.decode(output, cameras)
 
 

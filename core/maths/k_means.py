@@ -123,7 +123,7 @@ def k_means(
 
 @contextmanager
 def _threads() -> Iterator[Executor]:
-    """As many threads as torch has, in each of which it works alone.
+    """A pool of torch's number of threads, within each of which torch uses only that one.
 
     The work is many short operations, in each of which torch's own threads would wait for one
     another: where other programs use the cores too, that takes four times the processor time.
@@ -261,7 +261,7 @@ def _nearest(
 def _nearest_in_parts(
     cells: Float32[np.ndarray, "n d"], centroids: Float32[np.ndarray, "k d"], threads: Executor
 ) -> tuple[Int64[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """As ``_nearest``, by several threads."""
+    """``_nearest`` by several threads."""
     parts = [cells[start : start + PART] for start in range(0, len(cells), PART)]
     found = list(threads.map(lambda part: _nearest(part, centroids), parts))
     return np.concatenate([one[0] for one in found]), np.concatenate([one[1] for one in found])

@@ -57,11 +57,7 @@ class GltfExporter(Exporter):
     """Writes float32 values; viewers without the extension show coloured points."""
 
     suffix = ".glb"
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return MOST_DEGREE
+    most_sh_degree = MOST_DEGREE
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 3 are left out.

@@ -43,6 +43,7 @@ class KsplatExporter(Exporter):
     """Writes splats for GaussianSplats3D, an older viewer: SH to degree 2."""
 
     suffix = ".ksplat"
+    most_sh_degree = MOST_DEGREE
 
     level: Literal[0, 1] = 1
     """Level of compression: 0 (float32) or 1 (positions in 16 bits, the rest in float16)."""
@@ -58,11 +59,6 @@ class KsplatExporter(Exporter):
                 f"format.level={self.level}: KSPLAT is written in level 0 or 1.",
                 "Leave it out for 1. For smaller files: format=spz or format=sog.",
             )
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return MOST_DEGREE
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 2 are left out.

@@ -40,6 +40,7 @@ class SogExporter(Exporter):
     small files: fewer make the file smaller, more keep the colours."""
 
     suffix = ".sog"
+    most_sh_degree = MAX_DEGREE
 
     def __post_init__(self) -> None:
         if not 0 <= self.palette <= MAX_PALETTE:
@@ -47,11 +48,6 @@ class SogExporter(Exporter):
                 f"format.palette={self.palette}: expected 1 to {MAX_PALETTE} vectors, or 0 for as "
                 "many as are usual."
             )
-
-    @property
-    def most_sh_degree(self) -> int:
-        """Highest SH degree that a file holds."""
-        return MAX_DEGREE
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 3 are left out.
