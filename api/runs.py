@@ -283,10 +283,15 @@ def _train(values: Mapping[str, object], caller: Caller) -> tuple[int, Path]:
     with stage("loading torch and the method"):
         settings = resolve(registry, given)
     from gsfw.commands.interface.new_training import new_training
+    from gsfw.commands.interface.team import check_started, joined
 
-    new = new_training(settings, given, registry, ["train", *_texts(values)], began)
-    caller.console.say(str(new))
-    code, folder = new.train(caller, registry)
+    processes, device = settings.config.processes, settings.config.device
+    check_started(processes)
+    command = ["train", *_texts(values)]
+    with joined(processes, device) as team:
+        new = new_training(settings, given, registry, command, began, team)
+        caller.console.say(str(new))
+        code, folder = new.train(caller, registry, team)
     return code, folder.path
 
 

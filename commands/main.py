@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from importlib import metadata
 
 from gsfw.commands.interface.arguments import HelpRequested, parse
@@ -16,6 +17,7 @@ from gsfw.commands.interface.interrupt import leave_on_signal
 from gsfw.commands.interface.progress import SlowStages
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.progress import shown_by
+from gsfw.parallel.environment import is_follower
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.specs import PROJECT
@@ -55,7 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
-        sys.stderr.write("\ninterrupted\n")
+        if not is_follower():
+            sys.stderr.write("\ninterrupted\n")
         return INTERRUPTED
     except Exception as error:
         return report(error, console, _flag(tokens, "debug"))
@@ -79,7 +82,7 @@ def _run(tokens: list[str], console: Console) -> int:
     verb = _find_verb(tokens[0], installed())
     if tokens[0] not in SHOW_BROKEN:
         installed().tell_broken(console.warn)
-    with shown_by(SlowStages().stage):
+    with nullcontext() if is_follower() else shown_by(SlowStages().stage):
         code = verb(tokens[1:])
     if tokens[0] not in SHOW_BROKEN:
         installed().tell_broken(console.warn)  # Some fail only when they are loaded.

@@ -10,18 +10,32 @@ from typing import TYPE_CHECKING, Any
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, full_key, parse
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.team import (
+    check_started,
+    console_of,
+    joined,
+    run_workers,
+    starts_workers,
+    together,
+    with_processes,
+)
+from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import did_you_mean, installed
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.runs import RunArgument
+    from gsfw.core.loop.trainer import Trainer
+    from gsfw.core.team import Team
     from gsfw.plugins.restore import Restored
+    from gsfw.plugins.settings import Settings
 
 CHANGEABLE = (
     "steps",
     "data",
     "device",
+    "processes",
     "rasterizer",
     "checkpoint_every",
     "eval_every",
@@ -52,11 +66,11 @@ examples:
 def run(tokens: list[str]) -> int:
     """Continue a run; it is held from the reading of its checkpoint on."""
     began = time.perf_counter()
-    arguments = parse(tokens)
+    arguments = with_processes(parse(tokens))
     if arguments.flag("help"):
         raise HelpRequested(HELP)
     changed = _changed(arguments)
-    console = Console(arguments.flag("json"))
+    console = console_of(arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
@@ -66,6 +80,9 @@ def run(tokens: list[str]) -> int:
 
     found = find_run(arguments.words[0], console.say)
     command = ["resume", *tokens]
+    processes, _ = _asked(found, changed)
+    if starts_workers(processes):
+        return run_workers(command, processes)
     return resume_run(found, changed, command, Caller(console, run_training), began)
 
 
@@ -97,8 +114,13 @@ def resume_run(
             f"{found.name} cannot go on: a model file has no optimizer and no images.",
             "Give the folder of the run that it was exported from.",
         )
-    with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
-        return _go_on(found, changed, command, caller, began)
+    processes, device = _asked(found, changed)
+    check_started(processes)
+    with joined(processes, device) as team:
+        if not team.leads:
+            return _go_on(found, changed, command, caller, began, team)
+        with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
+            return _go_on(found, changed, command, caller, began, team)
 
 
 def _go_on(
@@ -107,47 +129,75 @@ def _go_on(
     command: Sequence[str],
     caller: Caller,
     began: float,
+    team: Team,
 ) -> int:
-    """Restore a run and train on; return the exit code."""
+    """Restore a run and train on with a team of processes; return the exit code."""
     from gsfw.commands.interface.run_history import remember_run
-    from gsfw.commands.interface.training import describe
-    from gsfw.core.files.atomic import write_atomically
+    from gsfw.commands.interface.training import describe, follow
     from gsfw.core.loop.machine_clock import MachineClock
     from gsfw.planning.plan import resumed_timekeeper
     from gsfw.planning.record import read_plan, recorded
-    from gsfw.plugins.config_file import write_config
     from gsfw.plugins.loading import check_callbacks
-    from gsfw.plugins.restore import restore
-    from gsfw.plugins.settings import COMMAND_LINE, Layer
 
     console = caller.console
     with stage(f"opening {found.name}"):
-        layer = Layer(COMMAND_LINE, changed)
-        restored = restore(found.folder, installed(), found.checkpoint, layer)
+        restored = together(team, lambda: _opened(found, changed, team))
     if _is_finished(restored, console):
         return 0
     for change in restored.changes():
         console.warn(f"{change}: the result may differ in its last bits from an unstopped run's.")
     composition, folder = restored.composition, restored.folder
-    check_callbacks(composition.settings.config.callbacks, installed())
-    callbacks = caller.callbacks_of(composition.settings, installed())
-    keeper = None if "steps" in changed else resumed_timekeeper(restored, MachineClock(began))
+    keeper, callbacks = None, []
+    if team.leads:
+        check_callbacks(composition.settings.config.callbacks, installed())
+        callbacks = caller.callbacks_of(composition.settings, installed())
+        if "steps" not in changed:
+            keeper = resumed_timekeeper(restored, MachineClock(began))
     trainer = composition.trainer(folder, callbacks, restored.step, keeper)
     trainer.load_state_dict(restored.state)
     if "steps" in changed:
         trainer.walk.unhurried()
+    if not team.leads:
+        return follow(trainer)
     if changed:
-        pace = trainer.walk.pace.texts
-        settings = composition.settings
-        settings = replace(settings, config=replace(settings.config, pace=pace))
-        text = write_config(settings, command)
-        write_atomically(folder.config, text.encode())
+        _write_settings(composition.settings, trainer, command)
     remember_run(folder.path)
     console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
     if keeper is None:
         return caller.run(trainer, console)
     with recorded(trainer, composition.settings, command, read_plan(folder)):
         return caller.run(trainer, console)
+
+
+def _opened(found: RunArgument, changed: Mapping[str, Any], team: Team) -> Restored:
+    """The run with its checkpoint, for a team of processes."""
+    from gsfw.plugins.restore import restore
+    from gsfw.plugins.settings import COMMAND_LINE, Layer
+
+    layer = Layer(COMMAND_LINE, changed)
+    restored = restore(found.folder, installed(), found.checkpoint, layer)
+    return replace(restored, composition=restored.composition.shared_by(team))
+
+
+def _write_settings(settings: Settings, trainer: Trainer, command: Sequence[str]) -> None:
+    """Write the changed settings of a run into its folder."""
+    from gsfw.core.files.atomic import write_atomically
+    from gsfw.plugins.config_file import write_config
+
+    settings = replace(settings, config=replace(settings.config, pace=trainer.walk.pace.texts))
+    write_atomically(trainer.folder.config, write_config(settings, command).encode())
+
+
+def _asked(found: RunArgument, changed: Mapping[str, Any]) -> tuple[int, str]:
+    """Number of processes and device of the continued run; checked with the other settings."""
+    from gsfw.plugins.config_file import read_config
+
+    recorded: Mapping[str, Any] = {}
+    if found.folder.config.is_file():
+        recorded = read_config(found.folder.config, everything=True).values
+    settings = {"processes": 0, "device": AUTO, **recorded, **changed}
+    processes = str(settings["processes"])
+    return int(processes) if processes.isdigit() else 0, str(settings["device"])
 
 
 def _changed(arguments: Arguments) -> Mapping[str, str]:

@@ -11,9 +11,18 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.team import (
+    console_of,
+    joined,
+    run_workers,
+    starts_workers,
+    together,
+    with_processes,
+)
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.progress import stage
+from gsfw.parallel.environment import world
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
@@ -24,23 +33,32 @@ if TYPE_CHECKING:
 def run(tokens: list[str]) -> int:
     """Train a method on a data set."""
     began = time.perf_counter()
-    arguments = parse(tokens)
+    arguments = with_processes(parse(tokens))
     registry = installed()
-    console = Console(arguments.flag("json"))
-    if not arguments.flag("help"):
+    console = console_of(arguments)
+    if not arguments.flag("help") and world() is None:
         announce(layers(arguments), registry, console)
     with stage("loading torch and the method"):
         settings = read_settings("train", arguments, registry)
+    processes = settings.config.processes
+    if starts_workers(processes) and not arguments.flag("dry_run"):
+        from gsfw.commands.interface.new_run import check_free
+        from gsfw.planning.asked import asked_of, spelled_out
+
+        asked_of(settings, spelled_out(layers(arguments)))
+        check_free(settings.config.out)
+        return run_workers(["train", *tokens], processes)
     from gsfw.commands.interface.new_training import new_training
     from gsfw.commands.interface.training import run_training
     from gsfw.planning.asked import spelled_out
 
-    given = spelled_out(layers(arguments))
-    new = new_training(settings, given, registry, ["train", *tokens], began)
-    console.say(str(new))
-    if arguments.flag("dry_run"):
-        return _tell_dry_run(new, time.perf_counter() - began, console)
-    code, _ = new.train(Caller(console, run_training), registry)
+    given, command = spelled_out(layers(arguments)), ["train", *tokens]
+    with joined(processes, settings.config.device) as team:
+        new = together(team, lambda: new_training(settings, given, registry, command, began, team))
+        console.say(str(new))
+        if arguments.flag("dry_run"):
+            return _tell_dry_run(new, time.perf_counter() - began, console)
+        code, _ = new.train(Caller(console, run_training), registry, team)
     return code
 
 

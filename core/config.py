@@ -44,8 +44,7 @@ def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # n
     Args:
         default: number of steps at the method's own default length.
         at_least: the smallest value that can be given.
-        floor: lower bound of rescaling (intervals in which statistics have to gather); never below
-            ``at_least``.
+        floor: least value after rescaling, for intervals in which statistics have to gather.
     """
     floor = max(floor, at_least)
     return number(default, at_least=at_least, metadata={"unit": "steps", "floor": floor})
@@ -223,6 +222,8 @@ class OptimConfig:
 
     sparse: bool = False
     """Keep rows unchanged that no view of a step has seen (faster; not as in the papers)."""
+    batch_scale: float = number(1.0, at_least=1, below=math.inf)
+    """Views of a step over those that the rates are made for: rates grow with its root."""
     exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
     """Rate of gains and offsets of the images' colours under exposure=true."""
     exposure_lr_final: float = number(1e-3, at_least=0, below=math.inf)
@@ -242,7 +243,7 @@ class OptimConfig:
         """Settings for the optimizer."""
         from gsfw.core.loop.optimizer import OptimizerSettings
 
-        return OptimizerSettings(sparse=self.sparse)
+        return OptimizerSettings.scaled(self.batch_scale, self.sparse)
 
     def exposure_rate(self) -> LearningRate:
         """Learning rate of exposures."""
@@ -291,6 +292,8 @@ class MethodConfig(ABC):
     """Seed of every generator; on the CPU the same seed gives the same bits."""
     device: str = AUTO
     """Device of the training: auto, cpu, cuda or cuda:N."""
+    processes: int = number(0, at_least=0)
+    """Processes that share the views of a step; 0: one. 1 has the bits of any number of them."""
     init: str = AUTO
     """Initial splats: auto (points if any), points, random, dense (from the images), or a file."""
     dense_points: int = number(0, at_least=0)

@@ -104,6 +104,9 @@ class Refiner(ABC):
 
     name: ClassVar[str]
     """Unique among the refiners of a run; the key of its state in checkpoints."""
+    reads_images: ClassVar[bool] = True
+    """False if ``observe`` reads statistics, views and shares alone. In a training with several
+    processes the images of the others are then not sent to this one."""
 
     def statistics(self, step: int) -> frozenset[Statistic]:
         """Statistics to measure at ``step``; none once they are no longer needed."""

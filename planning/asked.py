@@ -78,6 +78,9 @@ def asked_of(settings: Settings, layers: Sequence[Layer]) -> Asked | None:
         )
     if config.until:
         _check_until(config.until)
+    if config.processes:
+        _check_unplanned(config.processes, given)
+        return None
     if not given.intersection(PLANNED_BY) and config.data and not given.intersection(LENGTHS):
         return Asked(USUAL)
     if not given.intersection(PLANNED_BY) or config.pace or ("steps" in given and not config.until):
@@ -89,6 +92,17 @@ def asked_of(settings: Settings, layers: Sequence[Layer]) -> Asked | None:
             "Leave out rescale=false, or give steps=N.",
         )
     return Asked(config.minutes or BOUND, config.until)
+
+
+def _check_unplanned(processes: int, given: Collection[str]) -> None:
+    """Refuse a time or a quality for several processes: their clocks differ."""
+    for key in PLANNED_BY:
+        if key in given:
+            raise ConfigError(
+                f"processes={processes} and {key}=: runs of several processes end after a number "
+                "of steps.",
+                f"Leave out {key}=, and give steps=N.",
+            )
 
 
 def _check_until(until: str) -> None:

@@ -46,6 +46,7 @@ from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
+from gsfw.core.team import Team
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
@@ -99,6 +100,16 @@ class Composition:
             **(TIME_PROTOCOL if self.scene.is_dynamic else {}),
             **self.parts.corrections.protocol(),
         }
+
+    def shared_by(self, team: Team) -> Composition:
+        """The same run for a team of processes.
+
+        Raises:
+            ConfigError: a part does not work with several processes.
+        """
+        parts = replace(self.parts, team=team)
+        team.check(parts)
+        return replace(self, parts=parts)
 
     @cached_property
     def resolution(self) -> ResolutionSchedule:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -113,6 +114,32 @@ class Resolving:
             source, values = f"recommended by {slot} {name}", self._with_values(slot, part)
             self._layers.append(Layer(source, values.recommendations(), rank=recommended))
             self._layers.sort(key=lambda layer: layer.rank)
+
+    def share_steps(self) -> None:
+        """Let views, rates and steps follow the number of processes, unless views are given.
+
+        N processes render N times more views in a step, in as many fewer steps. Adam's rates then
+        grow with the root of N, and its decay rates are raised to the power N (Malladi et al. 2022;
+        for splats Zhao et al. 2024, Grendel-GS, section 4.3).
+        """
+        processes, key = int(self._config.processes), "sampler.views_per_step"
+        given = [layer for layer in self._layers if "processes" in layer.values]
+        if given:
+            with suppress(ValueError):  # A wrong value is refused later.
+                processes = int(as_text(given[-1].values["processes"]))
+        assert self._config.sampler is not None
+        sampler = self._with_values("sampler", self._config.sampler)
+        views = getattr(sampler, "views_per_step", None)
+        if processes < 2 or views is None or any(key in layer.values for layer in self._layers):
+            return
+        steps, _ = last(self._layers, "steps")
+        steps = str(self._config.steps) if steps is None else steps
+        values = {key: processes * views, "optim.batch_scale": processes}
+        if not any("steps" in layer.values for layer in self._given_layers) and steps.isdigit():
+            values["steps"] = math.ceil(int(steps) / processes)
+        source = f"recommended for processes={processes}"
+        self._layers.append(Layer(source, values, rank=Rank.STRATEGY))
+        self._layers.sort(key=lambda layer: layer.rank)
 
     def _with_values(self, slot: str, part: SlotConfig) -> SlotConfig:
         """A choice with the values given so far; wrong ones are refused later."""

@@ -131,6 +131,7 @@ def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
     resolution.choose("datamanager", Rank.DATAMANAGER)
     resolution.choose("strategy", Rank.STRATEGY)
     resolution.choose("sampler")
+    resolution.share_steps()
     resolution.apply_values()
     resolution.choose_rasterizer()
     resolution.rescale(kind().steps)

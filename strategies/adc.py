@@ -112,6 +112,7 @@ class AdaptiveDensityControl(DensityRefiner):
     """Clones, splits and prunes by the statistics of the views since the last refinement."""
 
     name = "adc"
+    reads_images = False
 
     def __init__(self, config: AdcConfig, scene: Scene, rounds: RefinementRounds) -> None:
         super().__init__(rounds)

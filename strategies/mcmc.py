@@ -80,6 +80,7 @@ class MarkovChainMonteCarlo(DensityRefiner):
     """Relocates, grows and perturbs."""
 
     name = "mcmc"
+    reads_images = False
 
     def __init__(self, config: McmcConfig) -> None:
         super().__init__(

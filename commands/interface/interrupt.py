@@ -43,9 +43,15 @@ def unclaimed_signals() -> tuple[signal.Signals, ...]:
 
 @contextmanager
 def stop_on_signal(
-    control: Control, signals: Sequence[signal.Signals] = SIGNALS
+    control: Control, signals: Sequence[signal.Signals] = SIGNALS, is_quiet: bool = False
 ) -> Iterator[Interrupt]:
-    """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at the second."""
+    """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at the second.
+
+    Args:
+        control: takes the request.
+        signals: that request it.
+        is_quiet: true to print nothing, as another process does.
+    """
     interrupt = Interrupt()
 
     def stop(number: int, frame: FrameType | None) -> None:
@@ -54,7 +60,10 @@ def stop_on_signal(
         interrupt.received = True
         name = signal.Signals(number).name
         control.request_stop(f"interrupted by {name}")
-        sys.stderr.write("\nstopping after this step, with a checkpoint; once more stops at once\n")
+        if not is_quiet:
+            sys.stderr.write(
+                "\nstopping after this step, with a checkpoint; once more stops at once\n"
+            )
 
     before = {number: signal.signal(number, stop) for number in signals}
     try:

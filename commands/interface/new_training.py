@@ -9,10 +9,11 @@ from pathlib import Path
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
 from gsfw.commands.interface.run_history import remember_run
-from gsfw.commands.interface.training import describe
+from gsfw.commands.interface.training import describe, follow
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.loop.machine_clock import MachineClock
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.team import ALONE, Team
 from gsfw.planning.announcement import announcement
 from gsfw.planning.asked import asked_of
 from gsfw.planning.plan import Plan, make_plan
@@ -41,20 +42,26 @@ class NewTraining:
         described = describe(self.composition)
         return described if self.plan is None else f"{described}\n{announcement(self.plan)}"
 
-    def train(self, caller: Caller, registry: Registry) -> tuple[int, RunFolder]:
-        """Train it; the exit code, and the folder.
+    def train(
+        self, caller: Caller, registry: Registry, team: Team = ALONE
+    ) -> tuple[int, RunFolder]:
+        """Train it with a team of processes; the exit code, and the folder.
 
         Raises:
             OutputError: the folder cannot be created, or another run has it.
             TrainingError: the GPU's memory is full, or steps are no longer finite.
         """
         settings = self.composition.settings
+        if not team.leads:
+            path = team.gathered(self.path)[0]
+            return follow(self.composition.trainer(RunFolder(path))), RunFolder(path)
         with new_run_folder(self.path, is_chosen=bool(settings.config.out)) as new:
             write_atomically(new.folder.config, write_config(settings, self.command).encode())
             remember_run(new.folder.path)
             callbacks = caller.callbacks_of(settings, registry)
             keeper = None if self.plan is None else self.plan.timekeeper
             trainer = self.composition.trainer(new.folder, callbacks, timekeeper=keeper)
+            team.gathered(new.folder.path)
             new.steps_done = lambda: trainer.step
             if self.plan is None:
                 return caller.run(trainer, caller.console), new.folder
@@ -68,6 +75,7 @@ def new_training(
     registry: Registry,
     command: Sequence[str],
     began: float,
+    team: Team = ALONE,
 ) -> NewTraining:
     """Check, plan and compose a run.
 
@@ -77,6 +85,7 @@ def new_training(
         registry: the installed parts.
         command: the command line.
         began: start of the command, as of ``time.perf_counter``.
+        team: processes that train.
 
     Raises:
         ConfigError: the parts do not fit together, or the time is too short.
@@ -86,11 +95,13 @@ def new_training(
     check(settings, registry)
     check_callbacks(settings.config.callbacks, registry)
     out = settings.config.out
-    check_free(out)
+    if team.leads:
+        check_free(out)
     asked, plan = asked_of(settings, layers), None
     if asked is not None:
         plan = make_plan(asked, layers, registry, MachineClock(began))
     composition = compose(settings, registry) if plan is None else plan.composition
+    composition = composition.shared_by(team)
     method = composition.settings.method.name
     path = Path(out) if out else default_folder(composition.scene.name, method)
     return NewTraining(composition, plan, path, tuple(command))

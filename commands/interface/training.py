@@ -49,11 +49,22 @@ def describe(composition: Composition) -> str:
     choices = {slot: spec.name for slot, spec in settings.choices.items()}
     return (
         f"method {settings.method.name}, strategy {choices['strategy']}, rasterizer "
-        f"{choices['rasterizer']} on {composition.parts.device}, {composition.plan.steps} steps\n"
+        f"{choices['rasterizer']} on {composition.parts.device}, {composition.plan.steps} steps"
+        f"{_of_processes(composition)}\n"
         f"data {composition.scene.name} ({choices['datamanager']}): "
         f"{len(data.views(Split.TRAIN))} views to train on, {len(data.views(Split.EVAL))} held "
         f"out; {len(composition.parts.table):,} Gaussians to start with"
     )
+
+
+def _of_processes(composition: Composition) -> str:
+    """The share of several processes in a step, as a phrase; empty for one."""
+    size, sampler = composition.parts.team.size, composition.settings.config.sampler
+    views = getattr(sampler, "views_per_step", 0)
+    if size == 1:
+        return ""
+    idle = f"; {size - views} of them have none" if 0 < views < size else ""
+    return f", {size} processes for {views or 'the'} views of a step{idle}"
 
 
 def run_training(trainer: Trainer, console: Console) -> int:
@@ -68,6 +79,17 @@ def run_training(trainer: Trainer, console: Console) -> int:
         summary = train_to_end(trainer, console)
     console.result({**summary, "run": str(trainer.folder.path)})
     return INTERRUPTED if interrupt.received and not summary["completed"] else 0
+
+
+def follow(trainer: Trainer) -> int:
+    """Train as one of the processes that write and print nothing; return the exit code."""
+    keep_freed_memory()
+    try:
+        with stop_on_signal(trainer.control, is_quiet=True):
+            trainer.fit()
+    finally:
+        trainer.parts.data.close()
+    return 0
 
 
 def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:

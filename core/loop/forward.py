@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -55,17 +56,33 @@ class Forward:
         parts, plan = self._parts, self._plan
         # The views of this step come first: loaders work in the order of the requests.
         parts.data.prefetch(Split.TRAIN, (*views, *coming))
-        alone = parts.refiners.needs_view_gradients(step)
+        alone = parts.team.splits_views or parts.refiners.needs_view_gradients(step)
         groups = [(view,) for view in views] if alone else [views]
         batches = [
             batch for group in groups for batch in parts.data.load(Split.TRAIN, group, parts.device)
         ]
         return [plan.resolution.reduce(batch, step) for batch in batches]
 
-    def render(self, batch: Batch, step: int, share: float) -> RenderedBatch:
-        """Run the forward pass of one batch, whose loss has the weight ``share`` in the step."""
+    def settings(self, step: int, count: int) -> list[RenderSettings]:
+        """The settings of each batch of a step, as the method changes them, with a background.
+
+        Args:
+            step: number of the step, counted from 0.
+            count: number of batches of all processes.
+        """
+        settings = self._parts.method.render_settings(self._plan.settings, step)
+        return [replace(settings, background=self._background(settings)) for _ in range(count)]
+
+    def render(self, batch: Batch, step: int, share: float, base: RenderSettings) -> RenderedBatch:
+        """Run the forward pass of one batch.
+
+        Args:
+            batch: images and cameras.
+            step: number of the step, counted from 0.
+            share: weight of its loss in that of the step.
+            base: the settings of the batch (``settings``).
+        """
         parts = self._parts
-        base = self._base_settings(step)
         settings = self._with_refiners(base, step)
         background = settings.background
         assert background is not None
@@ -97,6 +114,25 @@ class Forward:
         )
         return self._with_losses(context)
 
+    def absent(self, view: int, step: int, share: float) -> StepContext:
+        """The context of a view that another process has rendered: without images and splats."""
+        parts = self._parts
+        nothing: Any = Absent(views=(view,), rows=None)
+        return StepContext(
+            step=step,
+            steps=self._plan.steps,
+            batch=nothing,
+            splats=nothing,
+            rendered=nothing,
+            target=nothing,
+            num_rows=len(parts.table),
+            share=share,
+            extent=parts.data.scene.extent,
+            operators=parts.operators,
+            render=nothing,
+            contributions=nothing,
+        )
+
     def _with_losses(self, context: StepContext) -> RenderedBatch:
         """The batch with its terms, which are checked: those of plugins have any form.
 
@@ -115,7 +151,6 @@ class Forward:
             parts.refiners.regularizers(context),
         )
         losses = {name: value for found in terms for name, value in found.items()}
-        parts.refiners.before_backward(context, parts.model)
         total = torch.stack(list(losses.values())).sum() * context.share
         if not total.requires_grad:
             raise ConfigError(
@@ -123,11 +158,6 @@ class Forward:
                 "Compute them from context.rendered without detach(), item() or no_grad().",
             )
         return RenderedBatch(context, losses, tuple(data_losses), total)
-
-    def _base_settings(self, step: int) -> RenderSettings:
-        """The render settings of the run, as the method changes them, with a background."""
-        settings = self._parts.method.render_settings(self._plan.settings, step)
-        return replace(settings, background=self._background(settings))
 
     def _with_refiners(self, settings: RenderSettings, step: int) -> RenderSettings:
         """The same settings with the statistics and the depth that refiners need."""
@@ -145,6 +175,20 @@ class Forward:
         return torch.rand(3, generator=self._parts.generator, device=self._parts.device)
 
 
+class Absent:
+    """Stands for the images and splats of a view that another process has rendered."""
+
+    def __init__(self, **known: object) -> None:
+        self.__dict__.update(known)
+
+    def __getattr__(self, name: str) -> object:
+        raise ConfigError(
+            f"a refiner has read {name!r} of a view that another process has rendered.",
+            "Train with processes=0. A refiner whose observe() reads images, but no splats, works "
+            "with several processes if its reads_images is true.",
+        )
+
+
 def culprits(rendered: list[RenderedBatch]) -> str:
     """A sentence on the loss terms of a step that are not finite; empty if all are."""
     found = {
@@ -154,3 +198,12 @@ def culprits(rendered: list[RenderedBatch]) -> str:
         if not value.isfinite()
     }
     return f" Loss terms that are not finite: {', '.join(found)}." if found else ""
+
+
+def shared_losses(rendered: list[RenderedBatch]) -> dict[str, float]:
+    """Each weighted term of a step, summed over its batches."""
+    losses: dict[str, float] = {}
+    for item in rendered:
+        for name, value in item.losses.items():
+            losses[name] = losses.get(name, 0.0) + float(value) * item.context.share
+    return losses

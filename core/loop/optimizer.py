@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -24,6 +25,19 @@ class OptimizerSettings:
     sparse: bool = False
     """False: plain Adam, in which unseen rows still move by their momentum.
     True: such rows and their moments do not change at all (dense columns only)."""
+    rate_factor: float = 1.0
+    """Factor of all learning rates."""
+
+    @staticmethod
+    def scaled(factor: float, sparse: bool = False) -> OptimizerSettings:
+        """Settings for steps of ``factor`` times more views than the rates are made for.
+
+        Rates grow with the root of the factor, and the decay rates of the moments are raised to its
+        power (Malladi et al. 2022 for Adam; Zhao et al. 2024, Grendel-GS, for splats).
+        """
+        usual = AdamSettings()
+        adam = replace(usual, beta1=usual.beta1**factor, beta2=usual.beta2**factor)
+        return OptimizerSettings(adam, sparse, math.sqrt(factor))
 
 
 class Optimizer:
@@ -84,19 +98,22 @@ class Optimizer:
             if column.learning_rate is not None
         } | {group.name: group.learning_rate for group in self._groups()}
         return {
-            name: 0.0 if name in self._frozen else rate.at(step) for name, rate in rates.items()
+            name: 0.0 if name in self._frozen else self._settings.rate_factor * rate.at(step)
+            for name, rate in rates.items()
         }
+
+    def tensors(self) -> list[Tensor]:
+        """All optimized tensors, in the same order in every step."""
+        return [tensor for group in self._tensors().values() for tensor in group]
 
     def gradients(self) -> list[Tensor]:
         """All current gradients."""
-        tensors = (tensor for group in self._tensors().values() for tensor in group)
-        return [tensor.grad for tensor in tensors if tensor.grad is not None]
+        return [tensor.grad for tensor in self.tensors() if tensor.grad is not None]
 
     def zero_gradients(self) -> None:
         """Delete all gradients."""
-        for tensors in self._tensors().values():
-            for tensor in tensors:
-                tensor.grad = None
+        for tensor in self.tensors():
+            tensor.grad = None
 
     @torch.no_grad()
     def step(

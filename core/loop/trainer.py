@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport, TrainingView
 from gsfw.core.datamanager import Split
@@ -18,7 +17,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
-from gsfw.core.loop.forward import Forward, RenderedBatch, culprits
+from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -27,6 +26,7 @@ from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.loop.update import Update
 from gsfw.core.loop.verdict import Verdict
 from gsfw.core.loop.walk import Walk
 from gsfw.core.loop.watchers import Watchers
@@ -54,13 +54,11 @@ class Trainer:
         self.train_seconds = 0.0
         self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
-        self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
-        self._skipped_in_a_row = torch.zeros_like(self._skipped)
+        self._updates = Update(parts, plan, self._stopwatch)
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)
         self.walk = Walk(plan.pace, views, plan.held_back, timekeeper, goal)
-        self._times = views.times
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
         self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
@@ -86,7 +84,7 @@ class Trainer:
                 self.callbacks.on_start(self._started(), self.control)
                 self._stopwatch.restart()
                 self.walk.begin(self.step)
-                while self.step < self.plan.steps and self.control.stop_reason is None:
+                while self.step < self.plan.steps and not self._stops():
                     self._one_step()
                 summary = self._finish()
                 if summary["completed"] and afterwards is not None:
@@ -98,6 +96,15 @@ class Trainer:
     def _started(self) -> RunInfo:
         """The facts about the run, with the model that is trained and its data."""
         return replace(self.info, model=self._handle, data=self.parts.data)
+
+    def _stops(self) -> bool:
+        """True if a callback or a signal, in any process, has requested a stop."""
+        parts, control = self.parts, self.control
+        wanted = control.stop_reason is not None
+        stops = parts.team.stops(wanted, parts.table, parts.generator)
+        if stops and not wanted:
+            control.request_stop("interrupted in another process")
+        return stops
 
     def _one_step(self) -> None:
         """Run one update, and what the steps of the schedule ask for that it stands for.
@@ -116,38 +123,17 @@ class Trainer:
         # In haste many steps pass in little time: evaluations due in them wait for the end.
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
-        batch = rendered[0].context.batch
-        resolution = batch.cameras.width / self._widths[batch.views[0]]
+        resolution = self._resolution(rendered[0]) if rendered else 1.0
         look = partial(mean_psnr, self.parts, self.plan)
         self.walk.decide(self.step, self.plan.steps, len(self.parts.table), resolution, look)
 
     def _update(self) -> list[RenderedBatch]:
         """Render the views of a step, and update all parameters."""
         started = time.perf_counter()
-        parts, step, clock = self.parts, self.step, self._stopwatch
-        forward = Forward(parts, self.plan)
-        with clock.stage("load"):
-            views = self.walk.next_views(parts.sampler, step)
-            coming = self.walk.coming_views(parts.sampler, self.plan.prefetch_views)
-            batches = forward.load(views, coming, step)
-        parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
-        num_views = sum(len(batch.views) for batch in batches)
-        rendered: list[RenderedBatch] = []
-        for batch in batches:
-            with clock.stage("render"):
-                rendered.append(forward.render(batch, step, len(batch.views) / num_views))
-            with clock.stage("backward"):
-                rendered[-1].total.backward()
-        with clock.stage("optimize"):
-            finite = self._reduce([item.total for item in rendered])
-            visible = self._visible(rendered) if parts.optimizer.sparse else None
-            parts.optimizer.step(step, finite, visible)
-            parts.model.project_()
-            parts.corrections.project_()
-        with clock.stage("refine"):
-            for item in rendered:
-                self._observe(item, finite)
-            parts.optimizer.zero_gradients()
+        sampler = self.parts.sampler
+        views = self.walk.next_views(sampler, self.step)
+        coming = self.walk.coming_views(sampler, self.plan.prefetch_views)
+        rendered = self._updates.run(views, coming, self.step)
         self.train_seconds += time.perf_counter() - started
         return rendered
 
@@ -166,41 +152,6 @@ class Trainer:
             )
             self._refined.update(edits)
         return edits
-
-    def _observe(self, item: RenderedBatch, finite: Tensor) -> None:
-        """Pass a batch to refiners and sampler; zeros if it was not finite."""
-        parts, context = self.parts, item.context
-        statistics = parts.reducer.statistics(context.rendered.statistics.where(finite))
-        parts.refiners.observe(context, statistics, parts.model)
-        with torch.no_grad():
-            views = context.batch.views
-            loss = torch.where(finite, item.data_loss, 0.0)
-            parts.sampler.observe(views, loss.expand(len(views)))
-
-    def _time_of(self, view: int) -> float | None:
-        """Capture time of a training view, in [0, 1]; known to the host."""
-        return None if self._times is None else self._times[view]
-
-    def _reduce(self, totals: list[Tensor]) -> Tensor:
-        """Average gradients over processes; returns whether loss and gradients are finite."""
-        gradients = self.parts.optimizer.gradients()
-        self.parts.reducer.gradients_(gradients)
-        sums = [self.parts.reducer.loss(total.detach()) for total in totals]
-        finite = self.parts.operators.all_finite([*sums, *gradients])
-        self._skipped += ~finite
-        self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
-        return finite
-
-    def _visible(self, rendered: list[RenderedBatch]) -> Tensor:
-        """Model rows that are visible in any view of the step."""
-        visible = torch.zeros(len(self.parts.table), dtype=torch.bool, device=self.parts.device)
-        for item in rendered:
-            seen = item.context.rendered.statistics.visible.any(0)
-            rows = item.context.splats.rows
-            if rows is not None:
-                seen = torch.zeros_like(visible).index_copy(0, rows, seen)
-            visible |= seen
-        return self.parts.reducer.visible(visible)
 
     # After a step. Here, and in refinements, the host reads GPU results, and waits for them.
 
@@ -229,7 +180,7 @@ class Trainer:
         is_evaluated = any(
             evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
         )
-        if is_evaluated and is_calm:
+        if is_evaluated and is_calm and self.parts.team.leads:
             self._evaluate()
             self._stopwatch.restart()
         due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
@@ -243,27 +194,27 @@ class Trainer:
     @torch.no_grad()
     def _report(self, rendered: list[RenderedBatch]) -> None:
         self._catch_up()
-        losses: dict[str, float] = {}
-        for item in rendered:
-            for name, value in item.losses.items():
-                losses[name] = losses.get(name, 0.0) + float(value) * item.context.share
+        team = self.parts.team
+        own = (shared_losses(rendered), peak_memory_mb(self.parts.device))
+        losses, memory = map(_summed, zip(*team.gathered(own), strict=True))
+        if not team.leads:
+            return
         context = rendered[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]
-        full_width = self._widths[context.batch.views[0]]
         name = self._names[context.batch.views[0]]
         step_ms, stage_ms = self._stopwatch.read()
         report = StepReport(
             step=self.step,
-            loss=sum(float(item.total) for item in rendered),
+            loss=sum(losses.values()),
             losses=losses,
             psnr=psnr(context.rendered.color[0], context.target[0], valid),
             num_gaussians=len(self.parts.table),
             learning_rates=self.parts.optimizer.learning_rates(self.step - 1),
             step_ms=step_ms,
             stage_ms=stage_ms,
-            memory_mb=peak_memory_mb(self.parts.device),
-            skipped_steps=int(self._skipped),
-            resolution=context.batch.cameras.width / full_width,
+            memory_mb=memory,
+            skipped_steps=self._updates.skipped,
+            resolution=self._resolution(rendered[0]),
             refined=dict(self._refined),
             view=TrainingView(name, context.target[0], context.rendered.color[0].detach()),
             model=self._handle,
@@ -271,10 +222,20 @@ class Trainer:
         self._refined.clear()
         self.callbacks.on_step(report, self.control)
 
+    def _resolution(self, item: RenderedBatch) -> float:
+        """Width of the images of a batch over their full width."""
+        batch = item.context.batch
+        return batch.cameras.width / self._widths[batch.views[0]]
+
     def _check_skipped(self, rendered: list[RenderedBatch]) -> None:
-        """Stop after too many steps in a row that were not finite; reads the flag rarely."""
+        """Stop after too many steps in a row that were not finite; reads the flag rarely.
+
+        Only the first of several processes does, and ends the others.
+        """
+        if not self.parts.team.leads:
+            return
         self._catch_up()
-        skipped_in_a_row = int(self._skipped_in_a_row)
+        skipped_in_a_row = self._updates.skipped_in_a_row
         if skipped_in_a_row >= self.plan.max_skipped:
             self._checkpoint()  # Skipped steps change no parameter: the state is finite.
             raise TrainingError(
@@ -285,6 +246,7 @@ class Trainer:
             )
 
     def _evaluate(self) -> Evaluation:
+        """Evaluate; other processes wait for the first one in their next step."""
         self._catch_up()
         with self.walk.apart():
             evaluation = self._judged()
@@ -313,6 +275,8 @@ class Trainer:
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
+        if not self.parts.team.leads:
+            return {"completed": completed}
         if self._checkpointed != self.walk.updates:
             self._checkpoint()
         summary: dict[str, Any] = {"completed": completed}
@@ -328,8 +292,9 @@ class Trainer:
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
             **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
-            "skipped_steps": int(self._skipped),
+            "skipped_steps": self._updates.skipped,
             **self._sizes(),
+            **self.parts.team.summary(),
             **self.parts.corrections.summary(),
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
@@ -348,6 +313,8 @@ class Trainer:
 
     def _checkpoint(self) -> None:
         self._catch_up()
+        if not self.parts.team.leads:
+            return
         with stage("writing a checkpoint"), self.walk.apart():
             path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.walk.updates
@@ -368,8 +335,7 @@ class Trainer:
             "generator": parts.generator.get_state(),
             "walk": self.walk.state_dict(),
             "train_seconds": self.train_seconds,
-            "skipped": self._skipped,
-            "skipped_in_a_row": self._skipped_in_a_row,
+            **self._updates.state_dict(),
             "environment": environment(parts.device, parts.rasterizer.capabilities().details),
         }
 
@@ -387,8 +353,12 @@ class Trainer:
         else:  # Generators of different devices have states of different kinds.
             parts.generator.manual_seed(parts.generator.initial_seed() + state["step"])
         self.train_seconds = state["train_seconds"]
-        self._skipped = state["skipped"].to(parts.device)
-        self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
+        self._updates.load_state_dict(state)
         self.step = state["step"]
         self.walk.load_state_dict(state.get("walk"), self.step)
         self._checkpointed = self.walk.updates
+
+
+def _summed(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Sums by name."""
+    return {name: sum(part.get(name, 0.0) for part in parts) for part in parts for name in part}

@@ -16,11 +16,11 @@ from gsfw.core.metrics import Metric
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
-from gsfw.core.reducer import Reducer
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.sampler import Sampler
 from gsfw.core.table import SplatTable
+from gsfw.core.team import Team
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,8 @@ class TrainingParts:
     metrics: Mapping[str, Metric]
     generator: torch.Generator
     device: torch.device
-    reducer: Reducer = field(default_factory=Reducer)
+    team: Team = field(default_factory=Team)
+    """The processes that train this model."""
     corrections: CaptureCorrections = field(default_factory=CaptureCorrections)
     """Trained corrections of the capture itself, apart from the model; usually none."""
     rendered: PrimitiveModel | None = None

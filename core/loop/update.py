@@ -1,0 +1,143 @@
+"""Update: renders the views of one step, and updates all parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.context import StepContext
+from gsfw.core.datamanager import Split
+from gsfw.core.loop.forward import Forward, RenderedBatch
+from gsfw.core.loop.stopwatch import Stopwatch
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+
+
+class Update:
+    """Batches -> splats -> render -> decode -> losses -> backward -> step -> observe."""
+
+    def __init__(self, parts: TrainingParts, plan: TrainingPlan, clock: Stopwatch) -> None:
+        self._parts, self._plan, self._clock = parts, plan, clock
+        self._times = parts.data.views(Split.TRAIN).times
+        self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
+        self._skipped_in_a_row = torch.zeros_like(self._skipped)
+
+    @property
+    def skipped(self) -> int:
+        """Number of updates that were skipped, as they were not finite; waits for a GPU."""
+        return int(self._skipped)
+
+    @property
+    def skipped_in_a_row(self) -> int:
+        """Number of them since the latest update that was not skipped; waits for a GPU."""
+        return int(self._skipped_in_a_row)
+
+    def run(
+        self, views: tuple[int, ...], coming: tuple[int, ...], step: int
+    ) -> list[RenderedBatch]:
+        """Render the views of a step, and update all parameters.
+
+        Args:
+            views: the training views of the step.
+            coming: views of later steps, which are loaded in the background.
+            step: number of the step, counted from 0.
+
+        Returns:
+            The batches that this process has rendered.
+        """
+        parts, clock = self._parts, self._clock
+        forward = Forward(parts, self._plan)
+        with clock.stage("load"):
+            batches = forward.load(parts.team.own(views), coming, step)
+        parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
+        rendered = self._rendered(forward, batches, views, step)
+        with clock.stage("optimize"):
+            finite = self._complete(rendered)
+            visible = self._visible(rendered) if parts.optimizer.sparse else None
+            parts.optimizer.step(step, finite, visible)
+            parts.model.project_()
+            parts.corrections.project_()
+        with clock.stage("refine"):
+            self._observe(forward, rendered, views, step, finite)
+            parts.optimizer.zero_gradients()
+        return rendered
+
+    def _rendered(
+        self, forward: Forward, batches: Sequence[Batch], views: tuple[int, ...], step: int
+    ) -> list[RenderedBatch]:
+        """Run the forward and the backward pass of all batches of this process."""
+        parts, clock = self._parts, self._clock
+        # Every process draws the backgrounds of all batches: their generators stay alike.
+        count = len(views) if parts.team.splits_views else len(batches)
+        settings = forward.settings(step, count)
+        rendered: list[RenderedBatch] = []
+        for place, batch in parts.team.rounds(batches, views):
+            item = None
+            if batch is not None:
+                with clock.stage("render"):
+                    share = len(batch.views) / len(views)
+                    item = forward.render(batch, step, share, settings[place])
+                    parts.refiners.before_backward(item.context, parts.model)
+                rendered.append(item)
+            with clock.stage("backward"):
+                parts.team.backward(item, parts.optimizer)
+        return rendered
+
+    def _complete(self, rendered: Sequence[RenderedBatch]) -> Tensor:
+        """Complete the gradients; return whether they and the losses are finite."""
+        parts = self._parts
+        losses = parts.team.finish(rendered, parts.optimizer)
+        finite = parts.operators.all_finite([*losses, *parts.optimizer.gradients()])
+        self._skipped += ~finite
+        self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
+        return finite
+
+    def _visible(self, rendered: Sequence[RenderedBatch]) -> Tensor:
+        """Model rows that are visible in any view of the step."""
+        parts = self._parts
+        visible = torch.zeros(len(parts.table), dtype=torch.bool, device=parts.device)
+        for item in rendered:
+            seen = item.context.rendered.statistics.visible.any(0)
+            rows = item.context.splats.rows
+            if rows is not None:
+                seen = torch.zeros_like(visible).index_copy(0, rows, seen)
+            visible |= seen
+        return parts.team.visible(visible)
+
+    def _observe(
+        self,
+        forward: Forward,
+        rendered: Sequence[RenderedBatch],
+        views: tuple[int, ...],
+        step: int,
+        finite: Tensor,
+    ) -> None:
+        """Pass all batches to refiners and sampler; zeros if the step was not finite."""
+        parts = self._parts
+
+        def absent(view: int) -> StepContext:
+            return forward.absent(view, step, 1 / len(views))
+
+        for seen in parts.team.observations(rendered, parts.refiners, absent):
+            parts.refiners.observe(seen.context, seen.statistics.where(finite), parts.model)
+            batch = seen.context.batch.views
+            with torch.no_grad():
+                loss = torch.where(finite, seen.data_loss, 0.0)
+                parts.sampler.observe(batch, loss.expand(len(batch)))
+
+    def _time_of(self, view: int) -> float | None:
+        """Capture time of a training view, in [0, 1]; known to the host."""
+        return None if self._times is None else self._times[view]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Numbers of skipped updates."""
+        return {"skipped": self._skipped, "skipped_in_a_row": self._skipped_in_a_row}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from ``state``."""
+        device = self._parts.device
+        self._skipped = state["skipped"].to(device)
+        self._skipped_in_a_row = state["skipped_in_a_row"].to(device)

@@ -1,0 +1,139 @@
+"""Team: the processes that train one model; usually one.
+
+The loop calls a team at each point where processes have to agree. ``gsfw.parallel`` has the teams
+of several processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.context import StepContext
+from gsfw.core.render_output import RenderStatistics
+
+if TYPE_CHECKING:
+    from gsfw.core.loop.forward import RenderedBatch
+    from gsfw.core.loop.optimizer import Optimizer
+    from gsfw.core.loop.training_parts import TrainingParts
+    from gsfw.core.refinement.refiners import Refiners
+    from gsfw.core.table import SplatTable
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A rendered batch of a step, for refiners and samplers."""
+
+    context: StepContext
+    """Its context; one without splats if another process has rendered the batch."""
+    statistics: RenderStatistics
+    """Its statistics, with the gradients of the backward pass."""
+    data_loss: Tensor
+    """Sum of the terms that compare with the images."""
+
+
+class Team:
+    """One process that trains alone, and the interface of teams of several.
+
+    All processes of a team call its methods in the same order.
+    """
+
+    size: int = 1
+    """Number of processes."""
+    rank: int = 0
+    """Number of this process, from 0."""
+    splits_views: bool = False
+    """True if each view of a step is a batch of its own."""
+
+    @property
+    def leads(self) -> bool:
+        """True for the one process that logs, evaluates and writes files."""
+        return self.rank == 0
+
+    def check(self, parts: TrainingParts) -> None:
+        """Check that the parts of a run work with these processes, and are alike in all of them.
+
+        Raises:
+            ConfigError: one does not; names it.
+        """
+
+    def stops(self, wanted: bool, table: SplatTable, generator: torch.Generator) -> bool:
+        """True if any process wants to stop; called before every step.
+
+        Args:
+            wanted: true if this process wants to stop.
+            table: rows of this process, which are compared with those of the others.
+            generator: random numbers of this process, which are compared too.
+
+        Raises:
+            TrainingError: refiners have edited rows in different ways.
+        """
+        return wanted
+
+    def own(self, views: tuple[int, ...]) -> tuple[int, ...]:
+        """The views of a step that this process renders."""
+        return views
+
+    def rounds(
+        self, batches: Sequence[Batch], views: tuple[int, ...]
+    ) -> Iterator[tuple[int, Batch | None]]:
+        """The batches of this process, with their places among all batches of the step.
+
+        Args:
+            batches: batches of the views of ``own``.
+            views: all views of the step.
+
+        Yields:
+            A batch for each round, or ``None`` if only other processes have one.
+        """
+        yield from enumerate(batches)
+
+    def backward(self, rendered: RenderedBatch | None, optimizer: Optimizer) -> None:
+        """Run the backward pass of a round; gradients add up over the rounds of a step."""
+        if rendered is not None:
+            rendered.total.backward()
+
+    def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
+        """Complete the gradients of a step; return the losses of all batches."""
+        return [item.total.detach() for item in rendered]
+
+    def observations(
+        self,
+        rendered: Sequence[RenderedBatch],
+        refiners: Refiners,
+        absent: Callable[[int], StepContext],
+    ) -> Iterator[Observation]:
+        """All batches of a step in order.
+
+        Args:
+            rendered: batches of this process, after their backward pass.
+            refiners: they decide what is needed of the batches of other processes.
+            absent: returns the context of a view that another process has rendered.
+        """
+        for item in rendered:
+            statistics = item.context.rendered.statistics
+            yield Observation(item.context, statistics, item.data_loss.detach())
+
+    def visible(self, visible: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
+        """Rows that any process has seen."""
+        return visible
+
+    def gathered(self, value: Value) -> list[Value]:
+        """A value of each process, in order of rank; plain data."""
+        return [value]
+
+    def summary(self) -> Mapping[str, int]:
+        """Figures for the run's summary; empty for one process."""
+        return {}
+
+
+ALONE = Team()
+"""The team of a process that trains alone."""

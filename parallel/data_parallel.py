@@ -1,0 +1,255 @@
+"""DataParallel: every process has the whole model, and renders other views of a step.
+
+Sums have a fixed order, so that the number of processes changes no bit: each view is a batch of its
+own, view i of a step belongs to process i mod N, and gradients are added in order of the views.
+Every process adds up one part of the parameters (as in a reduce-scatter) and sends the sums to the
+others. Per step and process that is, of P parameters, V views and N processes,
+
+    4 P (N - 1) / N (ceil(V / N) + 1) bytes of gradients, sent and received.
+
+Optimizer and refiners then do the same in every process. Refiners get the statistics of all views,
+and images only if they read them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.loop.determinism import differences, environment
+from gsfw.core.loop.device import moved
+from gsfw.core.loop.forward import RenderedBatch
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.training_parts import TrainingParts
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.refiner import Refiner
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.table import SplatTable
+from gsfw.core.team import Observation, Team, Value
+from gsfw.parallel.environment import leave
+from gsfw.parallel.group import Group
+
+STATISTICS = tuple(item.name for item in fields(RenderStatistics))
+
+
+class DataParallel(Team):
+    """The views of a step are divided among processes."""
+
+    splits_views = True
+
+    def __init__(self, group: Group) -> None:
+        """Start the first step of the processes of a group."""
+        self._group = group
+        self.size, self.rank = group.size, group.rank
+        self._views: tuple[int, ...] = ()
+        self._in_round = 0
+        self._sums: Tensor | None = None
+        self._data_losses: list[Tensor] = []
+        self._measured: list[str] = []
+        self._with_gradient: set[int] = set()
+
+    def check(self, parts: TrainingParts) -> None:
+        """Refuse refiners that watch the graph of each view, and machines that are not alike."""
+        for refiner in parts.refiners:
+            if type(refiner).before_backward is not Refiner.before_backward:
+                raise ConfigError(
+                    f"processes={self.size}: {type(refiner).__name__} ({refiner.name}) watches the "
+                    "backward pass of every view, and other processes render some of them.",
+                    "Train with processes=0, or without this part (strategy=adc, strategy=mcmc, "
+                    "sh=uniform, static=none).",
+                )
+        here = environment(parts.device, parts.rasterizer.capabilities().details)
+        for rank, (there, model) in enumerate(self.gathered((here, _digest(parts.model)))):
+            unlike = differences(there, here)
+            if unlike or model != _digest(parts.model):
+                raise ConfigError(
+                    f"process {rank} computes other bits than process {self.rank}: "
+                    f"{'; '.join(unlike) or 'its model differs at the start'}.",
+                    "Train on machines of one kind, with as many threads in each process.",
+                )
+
+    def stops(self, wanted: bool, table: SplatTable, generator: torch.Generator) -> bool:
+        """True if any process wants to stop; checks that rows and random numbers agree."""
+        drawn = int(generator.get_state().long().sum())
+        state = torch.tensor([wanted, len(table), table.row_edits, drawn], dtype=torch.int64)
+        found = self._group.all_gather(state.to(self._group.device)).cpu()
+        if not torch.equal(found[:, 1:], found[:1, 1:].expand(self.size, 3)):
+            if not self.leads:
+                leave()
+            rows = ", ".join(str(count) for count in found[:, 1].tolist())
+            raise TrainingError(
+                f"the processes disagree on the rows of the model ({rows}): a refiner has decided "
+                "by something that only one of them has.",
+                "Train with processes=0, or without the strategy or method of a plugin.",
+            )
+        return bool(found[:, 0].any())
+
+    # Rendering.
+
+    def own(self, views: tuple[int, ...]) -> tuple[int, ...]:
+        """Every N-th view."""
+        self._views = views
+        return views[self.rank :: self.size]
+
+    def rounds(
+        self, batches: Sequence[Batch], views: tuple[int, ...]
+    ) -> Iterator[tuple[int, Batch | None]]:
+        """One view per process and round."""
+        self._sums = None
+        for number, first in enumerate(range(0, len(views), self.size)):
+            self._in_round = min(self.size, len(views) - first)
+            yield first + self.rank, batches[number] if self.rank < self._in_round else None
+
+    def backward(self, rendered: RenderedBatch | None, optimizer: Optimizer) -> None:
+        """Add the gradients of the views of a round, in order; each process adds a part of them."""
+        super().backward(rendered, optimizer)
+        tensors = optimizer.tensors()
+        for index, tensor in enumerate(tensors):
+            if tensor.grad is not None:
+                self._with_gradient.add(index)
+        parts = self._group.exchange(_in_parts(tensors, self.size))
+        for part in parts[: self._in_round]:
+            self._sums = part.clone() if self._sums is None else self._sums.add_(part)
+        optimizer.zero_gradients()
+
+    def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
+        """Gather the sums of gradients, and the losses of all views in order."""
+        tensors = optimizer.tensors()
+        assert self._sums is not None
+        flat = self._group.all_gather(self._sums).flatten()
+        facts = self._group.all_gather(self._facts(rendered, tensors))
+        rounds = -(-len(self._views) // self.size)
+        totals, data_losses, rest = facts.split_with_sizes(
+            [rounds, rounds, facts.shape[1] - 2 * rounds], dim=1
+        )
+        present = rest.bool().any(0).tolist()
+        self._measured = [n for n, seen in zip(STATISTICS, present, strict=False) if seen]
+        start = 0
+        for tensor, has_gradient in zip(tensors, present[len(STATISTICS) :], strict=True):
+            if has_gradient:
+                tensor.grad = flat[start : start + tensor.numel()].view_as(tensor).to(tensor)
+            start += tensor.numel()
+        self._with_gradient.clear()
+        self._data_losses = self._in_order(data_losses.to(self._sums))
+        return self._in_order(totals.to(self._sums))
+
+    def _facts(self, rendered: Sequence[RenderedBatch], tensors: Sequence[Tensor]) -> Tensor:
+        """The losses of this process, and the statistics and gradients that it has."""
+        rounds = -(-len(self._views) // self.size)
+        facts = torch.zeros(2 * rounds + len(STATISTICS) + len(tensors), dtype=torch.float64)
+        for number, item in enumerate(rendered):
+            facts[number], facts[rounds + number] = item.total.detach(), item.data_loss.detach()
+            for place, name in enumerate(STATISTICS):
+                has = getattr(item.context.rendered.statistics, name) is not None
+                facts[2 * rounds + place] = has
+        for index in self._with_gradient:
+            facts[2 * rounds + len(STATISTICS) + index] = 1
+        return facts.to(self._group.device)
+
+    def _in_order(self, values: Float[Tensor, "size rounds"]) -> list[Tensor]:
+        """One value for each view of the step."""
+        return list(values.T.flatten()[: len(self._views)].unbind())
+
+    # After the optimizer step.
+
+    def observations(
+        self,
+        rendered: Sequence[RenderedBatch],
+        refiners: Refiners,
+        absent: Callable[[int], StepContext],
+    ) -> Iterator[Observation]:
+        """The views of all processes; images of others only if a refiner reads them."""
+        reads_images = any(_reads_images(refiner) for refiner in refiners)
+        for number, first in enumerate(range(0, len(self._views), self.size)):
+            own = rendered[number] if number < len(rendered) else None
+            contexts = [absent(view) for view in self._views[first : first + self.size]]
+            if reads_images:
+                images = self._group.gathered(None if own is None else _images(own.context))
+                contexts = [
+                    replace(context, **moved(found, self._group.device))
+                    for context, found in zip(contexts, images, strict=False)
+                    if found is not None
+                ]
+            found = self._group.all_gather(self._by_row(own, contexts[0].num_rows))
+            for place, context in enumerate(contexts):
+                loss = self._data_losses[first + place]
+                if place == self.rank and own is not None:
+                    yield Observation(own.context, own.context.rendered.statistics, loss)
+                else:
+                    yield Observation(context, self._statistics(found[place]), loss)
+
+    def _by_row(self, own: RenderedBatch | None, num_rows: int) -> Float[Tensor, "k n"]:
+        """The statistics of the view of this process, of every row of the model."""
+        values = torch.zeros(len(self._measured), num_rows, device=self._group.device)
+        if own is None:
+            return values
+        rows = own.context.splats.rows
+        for place, name in enumerate(self._measured):
+            found = getattr(own.context.rendered.statistics, name)[0].to(values)
+            if rows is None:
+                values[place] = found
+            else:
+                values[place].index_copy_(0, rows, found)
+        return values
+
+    def _statistics(self, values: Float[Tensor, "k n"]) -> RenderStatistics:
+        found = dict(zip(self._measured, values[:, None], strict=True))
+        return RenderStatistics(**{**found, "visible": found["visible"].bool()})
+
+    def visible(self, visible: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
+        """Rows that any process has seen."""
+        return self._group.all_gather(visible.to(torch.uint8)).bool().any(0)
+
+    def gathered(self, value: Value) -> list[Value]:
+        """A value of each process."""
+        return self._group.gathered(value)
+
+    def summary(self) -> Mapping[str, int]:
+        """Number of processes, and the bytes that this one has sent to others."""
+        return {"processes": self.size, "bytes_sent": self._group.bytes_sent}
+
+
+def _in_parts(tensors: Sequence[Tensor], size: int) -> Float[Tensor, "size k"]:
+    """The gradients one after another, in equal parts; 0 for tensors without a gradient."""
+    total = sum(tensor.numel() for tensor in tensors)
+    flat = tensors[0].new_zeros(size, -(-total // size))
+    start, line = 0, flat.view(-1)
+    for tensor in tensors:
+        if tensor.grad is not None:
+            line[start : start + tensor.numel()] = tensor.grad.flatten()
+        start += tensor.numel()
+    return flat
+
+
+def _reads_images(refiner: Refiner) -> bool:
+    return refiner.reads_images and type(refiner).observe is not Refiner.observe
+
+
+def _images(context: StepContext) -> dict[str, object]:
+    """The images of a view, without a graph, in host memory."""
+    rendered = context.rendered
+    output = replace(
+        rendered,
+        color=rendered.color.detach(),
+        alpha=rendered.alpha.detach(),
+        depth=None if rendered.depth is None else rendered.depth.detach(),
+        extra=None if rendered.extra is None else rendered.extra.detach(),
+    )
+    return {"batch": context.batch, "target": context.target, "rendered": output}
+
+
+def _digest(model: PrimitiveModel) -> str:
+    """A fingerprint of the bits of a model."""
+    found = hashlib.sha256()
+    for tensor in model.state_dict().values():
+        found.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return found.hexdigest()

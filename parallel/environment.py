@@ -1,0 +1,55 @@
+"""Environment: the place of this process among those of a launcher, without torch.
+
+torchrun and ``gsfw train processes=N`` say it in the same variables.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import NoReturn
+
+from gsfw.core.errors import ConfigError, TrainingError
+
+
+class LostProcessError(TrainingError):
+    """Another process of the training has ended, or cannot be reached."""
+
+
+def world() -> int | None:
+    """Number of processes that a launcher has started; ``None`` if this one is on its own."""
+    is_started = all(name in os.environ for name in ("RANK", "WORLD_SIZE", "MASTER_ADDR"))
+    return int(os.environ["WORLD_SIZE"]) if is_started else None
+
+
+def rank() -> int:
+    """Number of this process, from 0."""
+    return int(os.environ["RANK"]) if world() is not None else 0
+
+
+def is_follower() -> bool:
+    """True in all processes of a launcher but the first, which alone prints and writes."""
+    return rank() > 0
+
+
+def was_restarted() -> bool:
+    """True if torchrun has started the processes again after one had ended."""
+    return world() is not None and int(os.environ.get("TORCHELASTIC_RESTART_COUNT", "0")) > 0
+
+
+def check_processes(processes: int) -> None:
+    """Compare the setting with the processes of a launcher.
+
+    Raises:
+        ConfigError: the numbers differ.
+    """
+    started = world()
+    if started is not None and processes != started:
+        raise ConfigError(
+            f"processes={processes}, but the launcher has started {started}.",
+            f"Leave out processes={processes}, or start as many (torchrun --nproc-per-node).",
+        )
+
+
+def leave(code: int = 1) -> NoReturn:
+    """End a follower without a message: the first process has one."""
+    raise SystemExit(code)

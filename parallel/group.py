@@ -1,0 +1,86 @@
+"""Group: the processes of a training, as torch.distributed connects them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import TypeVar
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+from gsfw.parallel.environment import LostProcessError
+
+Value = TypeVar("Value")
+
+PATIENCE = timedelta(minutes=30)
+"""Longest wait for another process, such as for an evaluation in the first one."""
+
+
+class Group:
+    """Collective operations of all processes, which count the bytes that they send."""
+
+    def __init__(self, device: torch.device) -> None:
+        """Use the processes that ``joined`` has connected.
+
+        Args:
+            device: of the tensors that are exchanged.
+        """
+        self.device = device
+        self.rank, self.size = dist.get_rank(), dist.get_world_size()
+        self.bytes_sent = 0
+        """Bytes that this process has sent to others, without those of ``gathered``."""
+
+    def exchange(self, values: Tensor) -> Tensor:
+        """Send part r of a tensor to process r; return the parts from all, in order of rank.
+
+        Args:
+            values: [size, k], one part for each process.
+        """
+        self.bytes_sent += values.nbytes * (self.size - 1) // self.size
+        return self._exchanged(values)
+
+    def all_gather(self, values: Tensor) -> Tensor:
+        """The tensors of all processes, which have one shape, stacked in order of rank."""
+        self.bytes_sent += values.nbytes * (self.size - 1)
+        return self._all_gathered(values.contiguous())
+
+    def _exchanged(self, values: Tensor) -> Tensor:
+        received = torch.empty_like(values)
+        with losses_named():
+            dist.all_to_all_single(received, values)
+        return received
+
+    def _all_gathered(self, values: Tensor) -> Tensor:
+        received = values.new_empty(self.size, *values.shape)
+        with losses_named():
+            dist.all_gather(list(received.unbind(0)), values)
+        return received
+
+    def gathered(self, value: Value) -> list[Value]:
+        """The values of all processes in order of rank, as pickled objects."""
+        found: list[Value | None] = [None] * self.size
+        with losses_named():
+            dist.all_gather_object(found, value)
+        return found  # type: ignore[return-value]
+
+
+@contextmanager
+def losses_named() -> Iterator[None]:
+    """Turn the errors of torch.distributed into one sentence.
+
+    Raises:
+        LostProcessError: another process has ended, or does not answer.
+    """
+    try:
+        yield
+    except (RuntimeError, ValueError) as error:
+        # The path of a source file, the cause, and general advice.
+        cause = re.sub(r"^\[[^]]*\]\s*", "", str(error).strip()).split(". ")[0].splitlines()[0]
+        raise LostProcessError(
+            f"another process of this training has ended or does not answer ({cause}).",
+            "Its own message says why. Go on from the last checkpoint with gsfw resume RUN.",
+        ) from error

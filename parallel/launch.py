@@ -1,0 +1,132 @@
+"""Launch: starts the processes of a training on this machine, or joins those of torchrun.
+
+``gsfw train processes=4`` starts four copies of its own command line by torch's launcher, as
+``torchrun --nproc-per-node=4 -m gsfw train`` does. Each copy finds its number in the environment.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch.distributed import TCPStore  # type: ignore[attr-defined]
+
+from gsfw.core.cores import cores
+from gsfw.core.team import Team
+from gsfw.parallel.data_parallel import DataParallel
+from gsfw.parallel.environment import world
+from gsfw.parallel.group import PATIENCE, Group, losses_named
+
+LOCAL = "127.0.0.1"
+MODULE = ("-m", "gsfw")
+FAILED = 1
+
+
+@contextmanager
+def connected(device: torch.device) -> Iterator[Team]:
+    """The team of this process and the others of its launcher; of this one without a launcher.
+
+    Raises:
+        LostProcessError: the others cannot be reached.
+    """
+    if world() is None:
+        store = TCPStore(LOCAL, 0, world_size=1, is_master=True)
+        options: dict[str, Any] = {"store": store, "rank": 0, "world_size": 1}
+    else:
+        torch.set_num_threads(_threads())
+        options = {"init_method": "env://"}
+    if device.type == "cuda" and device.index is None:
+        torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
+    backend = "gloo" if device.type == "cpu" else "cpu:gloo,cuda:nccl"
+    with losses_named():
+        dist.init_process_group(backend, timeout=PATIENCE, **options)
+    try:
+        yield DataParallel(Group(device))
+    finally:
+        dist.destroy_process_group()
+
+
+def _threads() -> int:
+    """Threads of this process: an equal part of the cores, unless the user has set a number.
+
+    torchrun sets one thread where the user has set none.
+    """
+    given = os.environ.get("OMP_NUM_THREADS", "1")
+    on_this_machine = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    return int(given) if given != "1" else max(cores() // on_this_machine, 1)
+
+
+def run_workers(arguments: Sequence[str], processes: int) -> int:
+    """Run a command line of gsfw in several processes of this machine; return the exit code.
+
+    Ctrl-C and SIGTERM go to each of them, so that they stop after the same step.
+    """
+    from torch.distributed.elastic.multiprocessing import (
+        DefaultLogsSpecs,
+        SignalException,
+        start_processes,
+    )
+
+    # Failures are reported here, in the words of gsfw.
+    logging.getLogger("torch.distributed.elastic").setLevel(logging.CRITICAL)
+    store = TCPStore(LOCAL, 0, is_master=True, wait_for_workers=False)
+    environments = {rank: _environment(rank, processes, store.port) for rank in range(processes)}
+    workers = start_processes(
+        "gsfw",
+        sys.executable,
+        args={rank: (*MODULE, *arguments) for rank in range(processes)},
+        envs=environments,
+        logs_specs=DefaultLogsSpecs(),
+    )
+    pids = workers.pids()
+    while True:
+        try:
+            result = workers.wait(period=0.1)
+            break
+        except SignalException as received:
+            for pid in pids.values():
+                _send(pid, received.sigval)
+    if result is None or not result.is_failed():
+        return 0
+    return _report({rank: failure.exitcode for rank, failure in result.failures.items()})
+
+
+def _send(pid: int, number: int) -> None:
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:  # It has ended meanwhile.
+        return
+
+
+def _environment(rank: int, processes: int, port: int) -> dict[str, str]:
+    """The variables by which a process finds the others, as torchrun sets them."""
+    found = {
+        "RANK": str(rank),
+        "LOCAL_RANK": str(rank),
+        "WORLD_SIZE": str(processes),
+        "LOCAL_WORLD_SIZE": str(processes),
+        "MASTER_ADDR": LOCAL,
+        "MASTER_PORT": str(port),
+        "TORCHELASTIC_USE_AGENT_STORE": "True",
+        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", str(max(cores() // processes, 1))),
+    }
+    if sys.platform == "linux":  # Not an address of this machine that may be unreachable.
+        found["GLOO_SOCKET_IFNAME"] = "lo"
+    return found
+
+
+def _report(codes: dict[int, int]) -> int:
+    """Name the processes that were ended by a signal; return the exit code of the whole."""
+    for rank, code in sorted(codes.items()):
+        if code < 0 and -code != signal.SIGTERM:  # SIGTERM: ended as another had failed.
+            name = signal.Signals(-code).name
+            cause = " (memory may have run out)" if name == "SIGKILL" else ""
+            sys.stderr.write(f"error: process {rank} was ended by {name}{cause}\n")
+    return max(codes.get(0, 0), 0) or FAILED
