@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from gsfw.core.sampler import Sampler
     from gsfw.core.scene import Scene
 
+Config = TypeVar("Config")
+
 MAX_SEED = 2**62 - 1
 """Largest seed: generators take 64-bit seeds, and some seeds are counted up from this one."""
 
@@ -68,9 +70,6 @@ def step_settings(config: object, prefix: str = "") -> dict[str, tuple[int, int]
         elif is_dataclass(value):
             found |= step_settings(value, f"{prefix}{item.name}.")
     return found
-
-
-Config = TypeVar("Config")
 
 
 def replace_at(config: Config, key: str, value: object) -> Config:
