@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "charts": {"gsfw.core", "gsfw.charts"},
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
+    "lod": {"gsfw.core", "gsfw.lod", SPECS},
     "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
