@@ -27,9 +27,9 @@ def build(splats: Splats) -> TreeInMemory:
             that they must be near the origin relative to their size.
     """
     assert isinstance(splats.colors, Sh)
-    assert splats.scales is not None
     ordered = splats.take(tree_order(splats.means))
     degree = degree_of(splats.colors.dense().shape[1])
+    assert ordered.scales is not None
     exact = _double(ordered)
     moments = Moments.of(exact)
     packed = [Nodes.of(ordered)]
@@ -83,5 +83,5 @@ def _parent_places(children: Float32[Tensor, "n 8"]) -> Float32[Tensor, "p 8"]:
 
 
 def _sizes(places: Float32[Tensor, "p 8"]) -> Float[Tensor, " p"]:
-    """How far apart the Gaussians of each node are: the diagonal of the box of their centres."""
+    """Sizes of nodes: the diagonal of the box of their Gaussians' centres."""
     return 2 * places[:, 3:6].norm(dim=1)

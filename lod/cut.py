@@ -25,7 +25,7 @@ NEAR = 1e-3
 
 @dataclass(frozen=True)
 class Limits:
-    """What ends the refinement of a cut."""
+    """The limits of the refinement of a cut."""
 
     most: int
     """Most Gaussians."""

@@ -33,7 +33,7 @@ UNITS = {"MB": 1_000_000, "GB": 1_000_000_000}
 
 @dataclass(frozen=True)
 class Detail:
-    """How much of a model is drawn in a view."""
+    """The limits of what is drawn of a model in a view."""
 
     budget: str = ""
     """Most Gaussians, or megabytes of them; empty: all of a run, as many as fit of a tree."""
