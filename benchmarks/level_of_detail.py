@@ -8,18 +8,27 @@ number of Gaussians is drawn in each view: those of a cut, or those with the lar
 to the near views (``gsfw export keep=``).
 """
 
+# ruff: noqa: T201
+
+from __future__ import annotations
+
 import json
 import sys
 import time
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from gsfw.commands.interface.runs import find_run, restore_run
+from gsfw.core.cameras import Cameras
 from gsfw.core.contributions import Contributions, most_useful
 from gsfw.core.datamanager import Split, spread
+from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.maths.camera_path import gathered, viewing_center
 from gsfw.core.maths.frame import with_axes
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Splats
 from gsfw.lod.build import build
 from gsfw.lod.cut import Limits, select
 from gsfw.plugins.registry import installed
@@ -29,6 +38,7 @@ FAR = 5.0
 
 
 def main() -> None:
+    """Print a line for each budget."""
     found = find_run(sys.argv[1], print, splats=True)
     composition = restore_run(found, installed()).composition
     parts, settings = composition.parts, composition.plan.settings
@@ -71,19 +81,22 @@ def main() -> None:
                 print(json.dumps({key: rounded(value) for key, value in row.items()}), flush=True)
 
 
-def moved_back(camera, middle):
+def moved_back(camera: Cameras, middle: Tensor) -> Cameras:
+    """The camera, ``FAR`` times as far from the middle of the scene, along its axis."""
     pose = camera.world_to_camera.clone()
     depth = float(pose[0, 2, :3] @ middle.to(pose) + pose[0, 2, 3])
     pose[:, 2, 3] += (FAR - 1) * abs(depth)
     return replace(camera, world_to_camera=pose)
 
 
-def draw(parts, splats, camera, settings):
+def draw(parts: TrainingParts, splats: Splats, camera: Cameras, settings: RenderSettings) -> Tensor:
+    """The image of some splats."""
     device = parts.device
     return parts.rasterizer.render(splats.to(device), camera.to(device), settings).color[0].cpu()
 
 
-def psnr(images, targets):
+def psnr(images: list[Tensor], targets: list[Tensor]) -> float:
+    """The mean PSNR of the images, in dB; 100 for equal ones."""
     errors = [
         (image.clamp(0, 1) - target.clamp(0, 1)).double().square().mean()
         for image, target in zip(images, targets, strict=True)
@@ -92,7 +105,8 @@ def psnr(images, targets):
     return sum(values) / len(values)
 
 
-def rounded(value):
+def rounded(value: object) -> object:
+    """Numbers with two decimals."""
     return round(value, 2) if isinstance(value, float) else value
 
 

@@ -9,6 +9,7 @@ largest of all, which are found level by level. What no camera sees is left out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -45,16 +46,19 @@ class Limits:
 
 
 @torch.no_grad()
-def select(tree: Tree, cameras: Cameras | None, limits: Limits) -> Int[Tensor, " m"]:
+def select(
+    tree: Tree, cameras: Cameras | Sequence[Cameras] | None, limits: Limits
+) -> Int[Tensor, " m"]:
     """The numbers of the nodes to draw for some cameras, ascending.
 
     Args:
         tree: the tree.
-        cameras: those of the view, on any device; ``None`` for no view: nodes are then opened by
-            their size in the scene.
+        cameras: all that are to see the cut, on any device, also of several sizes; ``None`` for no
+            view: nodes are then opened by their size in the scene.
         limits: the budget.
     """
-    views = None if cameras is None else cameras.to("cpu")
+    given = [cameras] if isinstance(cameras, Cameras) else cameras
+    views = None if given is None else [item.to("cpu") for item in given]
     found = torch.zeros(1, dtype=torch.int64)
     sizes = _sizes(tree.places(found), views)
     opened = _Opened(limits)
@@ -124,13 +128,14 @@ def _among(numbers: Int[Tensor, " m"], ascending: Int[Tensor, " v"]) -> Bool[Ten
     return ascending[at] == numbers
 
 
-def _sizes(places: Float32[Tensor, "m 8"], cameras: Cameras | None) -> Float[Tensor, " m"]:
+def _sizes(places: Float32[Tensor, "m 8"], views: Sequence[Cameras] | None) -> Float[Tensor, " m"]:
     """Largest size of nodes on the image of any camera, in pixels; -1 for those that none sees."""
-    if cameras is None:
+    if views is None:
         return places[:, 7]
     found = torch.full((len(places),), -1.0)
-    for index in range(len(cameras)):
-        found = torch.maximum(found, _sizes_in(places, cameras.select([index])))
+    for cameras in views:
+        for index in range(len(cameras)):
+            found = torch.maximum(found, _sizes_in(places, cameras.select([index])))
     return found
 
 

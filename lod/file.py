@@ -99,17 +99,10 @@ class TreeFile(Tree):
                 f"{expected:,}: it is cut off, or damaged.",
                 "Copy it again, or write it again: gsfw export RUN format=lod",
             )
-        self._file = path.open("rb")
         self._held: OrderedDict[tuple[int, int], np.ndarray[Any, Any]] = OrderedDict()
         self._lock = Lock()
         self.held = self.most_held = self.bytes_read = 0
         """Bytes of the chunks in memory, the most there ever were, and all that were read."""
-
-    def close(self) -> None:
-        """Close the file, and free the chunks."""
-        with self._lock:
-            self._held.clear()
-            self._file.close()
 
     def places(self, numbers: Int[Tensor, " m"]) -> Float32[Tensor, "m 8"]:
         """Read those that are not held."""
@@ -148,8 +141,9 @@ class TreeFile(Tree):
             size = min(CHUNK, self.num_nodes - chunk * CHUNK) * width
             while self._held and self.held + size > self.memory:
                 self.held -= self._held.popitem(last=False)[1].nbytes
-            self._file.seek(start + chunk * CHUNK * width)
-            content = self._file.read(size)
+            with self.path.open("rb") as file:
+                file.seek(start + chunk * CHUNK * width)
+                content = file.read(size)
             if len(content) != size:
                 raise DataError(f"{self.path} has become shorter.", "Open it again.")
             read = np.frombuffer(content, np.uint8).reshape(-1, width)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import torch
@@ -29,6 +29,7 @@ class LodModel(PrimitiveModel):
         tree: Tree,
         limits: Limits,
         tree_from_scene: Similarity | None = None,
+        views: Sequence[Cameras] | None = None,
     ) -> None:
         """Draw the cuts of ``tree`` in place of the splats of ``given``.
 
@@ -38,10 +39,12 @@ class LodModel(PrimitiveModel):
             limits: of each view.
             tree_from_scene: leads from the scene frame to that of the tree; ``None`` if they are
                 the same.
+            views: cameras in the scene frame whose cut stands for the model where there is no
+                view, as for exports; ``None``: the largest nodes do.
         """
         super().__init__()
         self._given, self.tree, self.limits = given, tree, limits
-        self._frame = tree_from_scene
+        self._frame, self._views = tree_from_scene, views
         # Frames that were rendered within other limits must not be kept.
         drawn = torch.tensor([limits.most, limits.pixels], dtype=torch.float64)
         self.register_buffer("_drawn", drawn)
@@ -54,9 +57,10 @@ class LodModel(PrimitiveModel):
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The cut for the cameras; without cameras the largest nodes in the scene."""
+        """The cut for the cameras; without cameras that for the views of the model."""
         device = next(iter(self.columns().values())).values.device
-        seen = None if cameras is None else self._moved(cameras)
+        views = self._views if cameras is None else [cameras]
+        seen = None if views is None else [self._moved(item) for item in views]
         cut = select(self.tree, seen, self.limits)
         splats = self.tree.nodes(cut).splats()
         if self._frame is not None:

@@ -28,6 +28,8 @@ CANDIDATES = 512
 """Bytes that the choice of a cut takes for each of its Gaussians."""
 COARSE = 4096
 """Most nodes that stand for a tree where there is no view."""
+VIEWS = 24
+"""Views whose cut stands for a run where there is no view, as in a file."""
 UNITS = {"MB": 1_000_000, "GB": 1_000_000_000}
 
 
@@ -93,6 +95,7 @@ def within_budget(restored: Restored, detail: Detail) -> Restored:
     Raises:
         ConfigError: the model moves, or has no SH colours.
     """
+    from gsfw.core.datamanager import Split, spread
     from gsfw.core.maths.frame import with_axes
     from gsfw.core.splats import Sh
     from gsfw.lod.build import build
@@ -114,7 +117,9 @@ def within_budget(restored: Restored, detail: Detail) -> Restored:
         )
     with stage("building the levels of detail"):
         tree = build(splats)
-    model = LodModel(parts.model, tree, detail.limits(tree, tree.count))
+    cameras = parts.data.views(Split.TRAIN).cameras
+    views = [cameras[n] for n in spread(range(len(cameras)), VIEWS)]
+    model = LodModel(parts.model, tree, detail.limits(tree, tree.count), views=views or None)
     return _drawn_as(restored, model)
 
 
