@@ -31,11 +31,8 @@ class LodImporter(Importer):
             DataError: the file is damaged.
         """
         tree = TreeFile(path, MEMORY)
-        try:
-            leaves = torch.arange(tree.starts[-1], tree.num_nodes)
-            splats = tree.nodes(leaves).splats()
-        finally:
-            tree.close()
+        leaves = torch.arange(tree.starts[-1], tree.num_nodes)
+        splats = tree.nodes(leaves).splats()
         finite = splats.held_by_float32()
         rows = finite.nonzero()[:, 0]
         placed = transform_splats(splats.take(rows), world_from_tree(tree.header))

@@ -55,7 +55,6 @@ def test_a_cut_of_the_file_is_that_of_the_tree_in_memory(splats, written):
     assert torch.equal(select(in_file, camera, Limits(700)), cut)
     assert torch.equal(in_file.nodes(cut).values, tree.nodes(cut).values)
     assert torch.equal(in_file.nodes(cut).rest, tree.nodes(cut).rest)
-    in_file.close()
 
 
 def test_a_view_reads_only_what_it_needs_and_holds_no_more_than_its_bound(written, monkeypatch):
@@ -69,7 +68,6 @@ def test_a_view_reads_only_what_it_needs_and_holds_no_more_than_its_bound(writte
     assert 0 < len(tree.nodes(cut)) <= 300
     assert 0 < tree.most_held <= bound
     assert tree.bytes_read < written.stat().st_size / 3
-    tree.close()
 
 
 def test_a_file_that_is_cut_off_or_damaged_is_named(written, tmp_path):
