@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, read_options
+from gsfw.commands.interface.arguments import DetailOptions, RunOptions, read_options
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,12 +25,13 @@ WORST = 5
 
 
 @dataclass(kw_only=True)
-class EvalOptions(RunOptions):
+class EvalOptions(RunOptions, DetailOptions):
     """Compare a run's renders with the photos, image by image."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw eval latest",
         "gsfw eval runs/first split=train json=true",
+        "gsfw eval latest budget=100000",
     )
 
     split: Literal["eval", "train"] = "eval"
@@ -40,6 +41,7 @@ class EvalOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Evaluate, print a table, and write eval/step_N.json."""
     options = read_options("eval", EvalOptions, arguments)
+    detail = options.drawn()
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
@@ -53,7 +55,7 @@ def run(arguments: list[str]) -> int:
 
     console = Console(options.json)
     found = find_run(options.run, console.say)
-    restored = restore_run(found, installed(), options.changed())
+    restored = restore_run(found, installed(), options.changed(), detail=detail)
     parts = restored.composition.parts
     split = Split(options.split)
     if len(parts.data.views(split)) == 0:
@@ -66,10 +68,11 @@ def run(arguments: list[str]) -> int:
         "run": found.name,
         "step": restored.step,
         "num_gaussians": parts.model.num_rows,
+        **({"budget": detail.budget, "detail": detail.pixels} if detail.is_given else {}),
         **evaluation.document(),
         "protocol": _protocol(restored, split),
     }
-    suffix = "" if split is Split.EVAL else f"_{options.split}"
+    suffix = ("" if split is Split.EVAL else f"_{options.split}") + detail.suffix
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
     files = _written(found.folder, path, document, evaluation)
     _show_views(console, evaluation, f"{found.name}, step {restored.step}, {options.split} views")

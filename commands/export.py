@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import RunOptions
+from gsfw.commands.interface.export_times import ALL, parse_times
 from gsfw.commands.interface.format_options import read_with_format
 from gsfw.core.files.size import bytes_of
 from gsfw.core.progress import stage, tracked
@@ -17,11 +18,9 @@ if TYPE_CHECKING:
     from gsfw.commands.interface.runs import RunArgument
     from gsfw.core.exchange import Exporter, Holds, SplatFile
     from gsfw.core.splats import Splats
-    from gsfw.plugins.compose import Composition
     from gsfw.plugins.registry import Registry
     from gsfw.plugins.restore import Restored
 
-ALL = "all"
 PLY = "ply"
 TOO_COARSE = 0.1
 """Rounding of positions, relative to the median splat, above which a note warns."""
@@ -54,6 +53,9 @@ class ExportOptions(RunOptions):
     keep: float = 1.0
     """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
     What that costs: gsfw tradeoff RUN."""
+    budget: str = ""
+    """Most Gaussians that are written, such as 200000, or megabytes of them as they are drawn, such
+    as 20MB: of a tree of levels of detail those that the training views need. Empty: all."""
     sh_degree: int | None = None
     """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that the format
     holds."""
@@ -73,6 +75,7 @@ def run(arguments: list[str]) -> int:
     load_torch()
 
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.detail import Detail
     from gsfw.commands.interface.exported_model import check_finetune
     from gsfw.commands.interface.runs import find_run, restore_run
     from gsfw.core.files.atomic import other_place
@@ -90,7 +93,8 @@ def run(arguments: list[str]) -> int:
     console = Console(options.json)
     found = find_run(options.run, console.say)
     check_finetune(options.finetune, found, exporter)
-    restored = restore_run(found, registry, options.changed(), options.step)
+    detail = Detail.parse(options.budget, 0.0, "")
+    restored = restore_run(found, registry, options.changed(), options.step, detail)
     place = "DIR" if exporter.is_folder or options.times else "FILE"
     with other_place(f"another place with out={place}"):
         document = _Export(options, exporter, found, restored, console).write()
@@ -162,6 +166,12 @@ def _check_fit(options: ExportOptions, holds: Holds) -> None:
             f"{what}: keep and sh_degree cut down one set of splats.",
             "Give them with format=ply, and without times.",
         )
+    if options.budget and (options.keep < 1 or holds not in (Holds.SPLATS, Holds.MOTION)):
+        what = f"keep={options.keep:g}" if options.keep < 1 else f"format={options.format}"
+        raise ConfigError(
+            f"budget={options.budget}: {what} cannot be given with it.",
+            "Give one of budget and keep, and a format of splats, such as ply, web or lod.",
+        )
     if holds is Holds.DEPTHS and options.times:
         raise ConfigError(
             f"format={options.format} is written at one time: leave out times.",
@@ -173,31 +183,6 @@ def _check_fit(options: ExportOptions, holds: Holds) -> None:
             f"format={options.format} holds {what} at all times: leave out time and times.",
             "For what it looks like at one of them: format=ply time=0.5",
         )
-
-
-def parse_times(text: str, composition: Composition) -> tuple[float, ...]:
-    """Parse ``times=TEXT``: times in [0, 1].
-
-    Raises:
-        ConfigError: it is neither a number nor ``all``, or the model is static.
-    """
-    from gsfw.core.errors import ConfigError
-    from gsfw.plugins.run_source import data_times, is_dynamic
-
-    count = int(text) if text.isascii() and text.isdigit() else 0
-    if text != ALL and count < 1:
-        raise ConfigError(f"times={text}: expected a whole number of at least 1, or {ALL}.")
-    if count == 1:
-        return (0.0,)
-    if not is_dynamic(composition):
-        scene, method = composition.scene, composition.settings.method.name
-        why = f"method {method} is static" if scene.is_dynamic else f"{scene.name} has no times"
-        raise ConfigError(
-            f"times={text}: {why}, so all files would be the same.", "Leave times out for one file."
-        )
-    if text == ALL:
-        return data_times(composition)
-    return tuple(index / (count - 1) for index in range(count))
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,7 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
     from gsfw.core.config import DataManagerConfig
     from gsfw.core.datamanager import DataRequest
     from gsfw.core.errors import ConfigError
+    from gsfw.core.files.mirror import local_place
     from gsfw.datamanagers.description import describe_data, fitting_downscale
     from gsfw.plugins.automatic import Choice, choose_datamanager
     from gsfw.plugins.loading import load
@@ -115,7 +116,7 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
     is_given = form != AUTO
     choice = Choice(form, "it was asked for") if is_given else choose_datamanager(data, registry)
     kind: type[DataManagerConfig] = load("datamanager", registry.find("datamanager", choice.name))
-    request = DataRequest(Path(data) if data else None, downscale=downscale)
+    request = DataRequest(local_place(data) if data else None, downscale=downscale)
     with closing(kind().build(request)) as manager:
         fitting = fitting_downscale(manager, downscale)
         words = ["gsfw", "train", "method=3dgs"]

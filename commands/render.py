@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, positional, read_options
+from gsfw.commands.interface.arguments import DetailOptions, RunOptions, positional, read_options
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(kw_only=True)
-class RenderOptions(RunOptions):
+class RenderOptions(RunOptions, DetailOptions):
     """Render views, camera paths and the passing of time, as images and as films."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -26,10 +26,11 @@ class RenderOptions(RunOptions):
         "gsfw render runs/moving what=time camera=eval_003 frames=150 fps=30 video=mp4",
         "gsfw render runs/moving what=orbit-time channel=color,motion",
         "gsfw render runs/moving what=time tracks=true",
+        "gsfw render latest budget=200000",
     )
 
     run: str = positional("RUN")
-    """A run folder, a checkpoint, a model file (.gsfw), a splat file (.ply), or latest."""
+    """A run folder, a checkpoint, a model file (.gsfw), a splat file (.ply, .lod), or latest."""
     what: Literal[
         "all", "views", "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
     ] = "all"
@@ -96,6 +97,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.render_rules import check_channels, check_options
 
     check_options(options)
+    detail = options.drawn()
     load_torch()
 
     from gsfw.commands.interface.console import Console
@@ -108,7 +110,8 @@ def run(arguments: list[str]) -> int:
     request.check()
     console = Console(options.json)
     found = find_run(options.run, console.say, splats=True)
-    composition = restore_run(found, installed(), options.changed()).composition
+    restored = restore_run(found, installed(), options.changed(), detail=detail)
+    composition = restored.composition
     warn_of_file(found, composition, console)
     out = Path(options.out) if options.out else found.folder.path / "renders"
     images, films = render(composition, request, out, console.say)

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.interface.arguments import Options, positionals, read_options
+from gsfw.commands.interface.arguments import DetailOptions, positionals, read_options
 
 if TYPE_CHECKING:
     import socket
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(kw_only=True)
-class ViewOptions(Options):
+class ViewOptions(DetailOptions):
     """Look at a trained model in the browser, or at two beside one another."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -95,6 +95,7 @@ def _serve(
 
 def _check(options: ViewOptions) -> None:
     """Refuse what cannot be meant, before anything is loaded."""
+    options.drawn()
     from gsfw.core.errors import ConfigError
 
     if len(options.runs) > 2:
@@ -121,7 +122,8 @@ def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedM
     from gsfw.viewer.opening import of_restored
 
     given = {key: value for key in ("data", "device") if (value := getattr(options, key))}
-    restored = restore_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+    changed = Layer(COMMAND_LINE, given) if given else None
+    restored = restore_run(found, installed(), changed, detail=options.drawn())
     warn_of_file(found, restored.composition, console)
     return of_restored(found.name, restored, has_cameras=found.splat_file is None)
 

@@ -320,6 +320,8 @@ class MethodConfig(ABC):
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = number(2048, at_least=0)
     """Memory that decoded images may take, in megabytes."""
+    data_cache_mb: int = number(4096, at_least=0)
+    """Disk that images of data=ADDRESS (https://...) may take as files, in megabytes."""
     gpu_cache_mb: int = number(2048, at_least=0)
     """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
     resolution_schedule: str = "none"

@@ -16,6 +16,7 @@ from jaxtyping import Shaped
 from numpy.lib import format as numpy_format
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.mirror import held
 
 ARRAYS = (".npy", ".npz")
 """Extensions of NumPy's files."""
@@ -67,10 +68,10 @@ def _opened(path: Path) -> Iterator[BufferedIOBase]:
     """The array in a file, from its beginning."""
     try:
         if path.suffix.lower() != ".npz":
-            with path.open("rb") as file:
+            with held(path, whole=True), path.open("rb") as file:
                 yield file
             return
-        with zipfile.ZipFile(path) as archive:
+        with held(path, whole=True), zipfile.ZipFile(path) as archive:
             names = archive.namelist()
             if len(names) != 1:
                 raise DataError(

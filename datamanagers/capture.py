@@ -16,6 +16,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.errors import DataError
+from gsfw.core.files.mirror import notes_on
 from gsfw.core.loop.area import shrink_batch
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
@@ -204,6 +205,7 @@ class Capture(DataManager):
         how = self._views[Split.TRAIN].origin
         warps = [fit.warp for fit in self._fits if fit.warp is not None]
         return (
+            *notes_on(self.recording.path),
             *self.recording.notes,
             *undistortion_notes([warp.undistortion for warp in warps]),
             *self._mask_notes,

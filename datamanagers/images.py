@@ -16,6 +16,7 @@ from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import Base
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.mirror import held
 from gsfw.datamanagers.area import (
     shrink,
     shrink_in_strips,
@@ -84,7 +85,7 @@ def read_header(path: Path) -> Header:
     Raises:
         DataError: it is no image that can be decoded.
     """
-    with _opened(path) as image:
+    with _opened(path, whole=False) as image:
         if image.mode == "F":
             raise DataError(
                 f"{path}: the pixels are floating-point numbers.",
@@ -213,7 +214,7 @@ def numbers_header(path: Path) -> tuple[tuple[int, int, int], np.dtype[np.generi
     Raises:
         DataError: it is no image that can be decoded to numbers.
     """
-    with _opened(path) as image:
+    with _opened(path, whole=False) as image:
         if image.mode not in NUMBERS:
             raise DataError(
                 f"{path}: pixels of the mode {image.mode} are no plain numbers.",
@@ -240,9 +241,11 @@ def decode_numbers(path: Path) -> Num[np.ndarray, "h w d"]:
 
 
 @contextmanager
-def _opened(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
+def _opened(
+    path: Path, formats: tuple[str, ...] = FORMATS, whole: bool = True
+) -> Iterator[Image.Image]:
     try:
-        with Image.open(path, formats=formats) as image:
+        with held(path, whole), Image.open(path, formats=formats) as image:
             yield image
     except DataError:
         raise

@@ -1,20 +1,16 @@
 """Merging: pairs of near, alike splats become one with the same moments.
 
-A pair of masses m1 and m2 (opacity times area) becomes the Gaussian with the mean and covariance of
-the two together, as in hierarchies of Gaussian mixtures (Goldberger and Roweis 2004; Kerbl et al.
-2024, equations 4 and 5); its opacity keeps the mass.
+A pair becomes the Gaussian with the moments of the two together (``core.maths.moments``); its
+opacity keeps the mass.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.core.maths.frame import with_axes
-from gsfw.core.maths.rotations import unit_matrices
+from gsfw.core.maths.moments import Moments
 from gsfw.core.operators import Operators
 from gsfw.core.splats import Sh, Splats
 
@@ -95,46 +91,5 @@ def _disjoint(
 
 def _merged(splats: Splats, first: Int[Tensor, " p"], second: Int[Tensor, " p"]) -> Splats:
     """One splat with the moments of each pair."""
-    one, other = splats.take(first), splats.take(second)
-    assert isinstance(one.colors, Sh)
-    assert isinstance(other.colors, Sh)
-    masses = torch.stack([_masses(one), _masses(other)])
-    shares = masses / masses.sum(0).clamp_min(1e-300)
-    shares = shares.where(masses.sum(0) > 0, 0.5)
-    means = shares[0, :, None] * one.means + shares[1, :, None] * other.means
-    parts = [
-        share[:, None, None] * (_covariances(side) + _outer(side.means - means))
-        for share, side in zip(shares, (one, other), strict=True)
-    ]
-    weights = shares.to(one.colors.coefficients)[:, :, None, None]
-    colors = weights[0] * one.colors.dense() + weights[1] * other.colors.dense()
-    placed = replace(
-        one, means=means, covariances=parts[0] + parts[1], quats=None, scales=None,
-        colors=Sh(colors, one.colors.degree), extra=None, rows=None,
-    )  # fmt: skip
-    merged = with_axes(placed)
-    opacities = masses.sum(0) / _areas(merged).clamp_min(1e-300)
-    highest = torch.maximum(one.opacities, other.opacities).clamp_min(MOST_OPAQUE)
-    return replace(merged, opacities=torch.minimum(opacities, highest))
-
-
-def _areas(splats: Splats) -> Float[Tensor, " n"]:
-    """Product of the two longest axes."""
-    assert splats.scales is not None
-    return splats.scales.sort(dim=1).values[:, 1:].prod(1)
-
-
-def _masses(splats: Splats) -> Float[Tensor, " n"]:
-    return splats.opacities * _areas(splats)
-
-
-def _covariances(splats: Splats) -> Float[Tensor, "n 3 3"]:
-    assert splats.quats is not None
-    assert splats.scales is not None
-    quats = splats.quats / splats.quats.norm(dim=1, keepdim=True).clamp_min(1e-12)
-    sides = unit_matrices(quats) * splats.scales[:, None, :]
-    return sides @ sides.transpose(1, 2)
-
-
-def _outer(offsets: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 3"]:
-    return offsets[:, :, None] * offsets[:, None, :]
+    one, other = Moments.of(splats.take(first)), Moments.of(splats.take(second))
+    return Moments.joined(one, other).splats(MOST_OPAQUE)

@@ -10,6 +10,7 @@ from typing import Any
 
 from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.mirror import local_place
 from gsfw.plugins.initial_splats import refuse_splats
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
@@ -36,15 +37,20 @@ class Choice:
         return f"chosen automatically: {self.reason}"
 
 
-def choose_datamanager(data: str, registry: Registry) -> Choice:
+def choose_datamanager(data: str, registry: Registry, most: int | None = None) -> Choice:
     """Choose the data manager that recognises ``data``.
+
+    Args:
+        data: a path or an address; empty for the built-in scene.
+        registry: the installed parts.
+        most: bytes that images of an address may take on the disk; ``None`` for the usual.
 
     Raises:
         DataError: it is missing, empty, splats, or of no known format; names the expected files.
     """
     if not data:
         return Choice(BUILT_IN_SCENE, "data is empty")
-    path = Path(data)
+    path = local_place(data, most)
     with _readable(path):
         _check_exists(path)
         refuse_splats(path, registry)

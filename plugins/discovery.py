@@ -33,6 +33,7 @@ BUILTIN = (
     "gsfw.datamanagers",
     "gsfw.formats",
     "gsfw.kernels",
+    "gsfw.lod",
     "gsfw.methods",
     "gsfw.rasterizers",
     "gsfw.samplers",

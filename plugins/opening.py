@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from gsfw.core.config import DataManagerConfig
 from gsfw.core.datamanager import DataManager, DataRequest
+from gsfw.core.files.mirror import MEGABYTE, local_place
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.progress import stage
 from gsfw.plugins.data_fit import settings_device
@@ -24,8 +23,9 @@ def open_data(settings: Settings, downscale: float | None = None) -> DataManager
     """
     config = settings.config
     assert isinstance(config.datamanager, DataManagerConfig)
+    most = config.data_cache_mb * MEGABYTE
     request = DataRequest(
-        path=Path(config.data) if config.data else None,
+        path=local_place(config.data, most) if config.data else None,
         downscale=config.downscale if downscale is None else downscale,
         eval_every_nth=config.holdout_every,
         eval_by=HoldOutBy(config.holdout_by),

@@ -16,6 +16,7 @@ from gsfw.core.config import (
     step_settings,
 )
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.mirror import MEGABYTE
 from gsfw.plugins.automatic import (
     USUAL_CHOICE,
     Choice,
@@ -159,7 +160,11 @@ class Resolving:
     def _automatic(self, slot: str) -> Choice:
         if slot == "datamanager":
             data, _ = last(self._layers, "data")
-            return choose_datamanager(self._config.data if data is None else data, self._registry)
+            megabytes, _ = last(self._layers, "data_cache_mb")
+            is_known = megabytes is not None and megabytes.isdecimal()
+            most = int(megabytes or 0) * MEGABYTE if is_known else None
+            place = self._config.data if data is None else data
+            return choose_datamanager(place, self._registry, most)
         return Choice(DEFAULT_CHOICES[slot], USUAL_CHOICE)
 
     def _fill(self, slot: str, name: str, source: str) -> SlotConfig:

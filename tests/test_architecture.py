@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "parallel": {"gsfw.core", "gsfw.parallel"},
+    "lod": {"gsfw.core", "gsfw.lod", SPECS},
     "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},

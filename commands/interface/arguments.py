@@ -12,6 +12,7 @@ from gsfw.core.config import replace_at
 from gsfw.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from gsfw.commands.interface.detail import Detail
     from gsfw.plugins.settings import Layer
 
 FLAGS = ("help", "json", "debug", "dry_run")
@@ -232,3 +233,28 @@ class RunOptions(Options):
 
         given = {key: text for key in ("data", "device") if (text := getattr(self, key))}
         return Layer(COMMAND_LINE, given) if given else None
+
+
+@dataclass(kw_only=True)
+class DetailOptions(Options):
+    """Options of every verb that can draw a static model within a budget."""
+
+    budget: str = ""
+    """Most Gaussians in a view, such as 200000, or megabytes of them, such as 200MB: those of a
+    tree of levels of detail. Empty: all; of a tree in a file (.lod) what half of memory holds."""
+    detail: float = 0.0
+    """Size in pixels below which Gaussians are drawn as one. 0: none are, as far as the budget
+    goes."""
+    memory: str = ""
+    """Most memory for the Gaussians of a tree in a file (.lod), such as 256MB or 2GB. Empty:
+    512MB."""
+
+    def drawn(self) -> Detail:
+        """The options as a whole.
+
+        Raises:
+            ConfigError: one is no number, or out of range.
+        """
+        from gsfw.commands.interface.detail import Detail
+
+        return Detail.parse(self.budget, self.detail, self.memory)

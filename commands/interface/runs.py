@@ -15,6 +15,7 @@ from gsfw.plugins.registry import Registry, did_you_mean, installed
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.detail import Detail
     from gsfw.plugins.compose import Composition
     from gsfw.plugins.restore import Restored
     from gsfw.plugins.settings import Layer
@@ -183,7 +184,11 @@ def _advice(splats: bool, lead: str) -> str:
 
 
 def restore_run(
-    found: RunArgument, registry: Registry, changed: Layer | None = None, step: int | None = None
+    found: RunArgument,
+    registry: Registry,
+    changed: Layer | None = None,
+    step: int | None = None,
+    detail: Detail | None = None,
 ) -> Restored:
     """Open a run at one of its checkpoints, or a model file.
 
@@ -192,15 +197,22 @@ def restore_run(
         registry: the installed parts.
         changed: settings that replace the run's own.
         step: step of the checkpoint; ``None`` for that of RUN, or else the latest.
+        detail: how much is drawn; ``None``: all, and of a tree of levels of detail the usual.
 
     Raises:
         DataError: there is no such checkpoint, or a file is damaged.
-        ConfigError: the settings no longer resolve, or a step is given for a model file.
+        ConfigError: the settings no longer resolve, or a step is given for a model file; or the
+            model cannot be drawn within a budget.
     """
+    from gsfw.commands.interface.detail import Detail, is_tree_file, open_tree, within_budget
     from gsfw.core.progress import stage
 
     with stage(f"opening {found.name}"):
-        return _open(found, registry, changed, step)
+        if is_tree_file(found):
+            assert found.splat_file is not None
+            return open_tree(found.splat_file, registry, changed, detail or Detail())
+        restored = _open(found, registry, changed, step)
+    return within_budget(restored, detail) if detail and detail.is_given else restored
 
 
 def warn_of_file(found: RunArgument, composition: Composition, console: Console) -> None:

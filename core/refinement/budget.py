@@ -90,17 +90,23 @@ class BudgetSize:
             ConfigError: the text has none of the forms of a budget.
         """
         text = str(config.budget)
+        found = BudgetSize(text) if text in (NO_BUDGET, AUTO) else BudgetSize.amount(text)
+        if found is None:
+            raise ConfigError(
+                f"strategy.budget={text}: expected none, auto, a number of Gaussians such as "
+                "50000, or megabytes such as 20MB."
+            )
+        return found
+
+    @staticmethod
+    def amount(text: str) -> BudgetSize | None:
+        """Parse a number of rows, or megabytes; ``None`` if the text is neither."""
         number, megabytes = re.fullmatch(r"\d+", text), re.fullmatch(r"(\d+(?:\.\d+)?)MB", text)
-        if text in (NO_BUDGET, AUTO):
-            return BudgetSize(text)
         if number and int(text) > 0:
             return BudgetSize(text, rows=int(text))
         if megabytes and float(megabytes[1]) > 0:
             return BudgetSize(text, num_bytes=float(megabytes[1]) * MEGABYTE)
-        raise ConfigError(
-            f"strategy.budget={text}: expected none, auto, a number of Gaussians such as 50000, "
-            "or megabytes such as 20MB."
-        )
+        return None
 
     def most_rows(self, model: PrimitiveModel) -> int | None:
         """Rows that fit, at their current mean size; ``None`` if the scene decides.

@@ -4,9 +4,10 @@ import pytest
 import torch
 from support.scenes import random_splats
 
+from gsfw.core.maths.moments import areas
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.splats import Sh, Splats
-from gsfw.editing.merging import _areas, merged_down
+from gsfw.editing.merging import merged_down
 
 
 def covariances(splats):
@@ -26,14 +27,14 @@ def test_exactly_as_many_splats_are_left_as_was_asked(count):
 def test_a_pair_keeps_its_mean_covariance_mass_and_colour():
     pair = random_splats(2, 1, dtype=torch.float64)
     (one,) = [merged_down(pair, pair.opacities, 1)]
-    masses = pair.opacities * _areas(pair)
+    masses = pair.opacities * areas(pair)
     shares = masses / masses.sum()
     mean = shares @ pair.means
     offsets = pair.means - mean
     inside = covariances(pair) + offsets[:, :, None] * offsets[:, None, :]
     assert torch.allclose(one.means[0], mean)
     assert torch.allclose(covariances(one)[0], torch.einsum("i,ijk->jk", shares, inside))
-    assert float(one.opacities * _areas(one)) == pytest.approx(float(masses.sum()))
+    assert float(one.opacities * areas(one)) == pytest.approx(float(masses.sum()))
     expected = torch.einsum("i,ikc->kc", shares, pair.colors.coefficients)
     assert torch.allclose(one.colors.coefficients[0], expected)
 

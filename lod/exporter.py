@@ -1,0 +1,36 @@
+"""Exporter: the splats of a model as a tree of levels of detail (``format=lod``)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from gsfw.core.exchange import Exporter, ExportSource
+from gsfw.lod.build import build
+from gsfw.lod.file import Header, write_tree
+
+
+class LodExporter(Exporter):
+    """Writes ``.lod``."""
+
+    suffix = ".lod"
+
+    def write(self, path: Path, source: ExportSource) -> None:
+        """Build the tree in memory, and write it atomically.
+
+        Raises:
+            OutputError: it cannot be written.
+            ValueError: there are no splats, or a value is not finite; names the row.
+        """
+        content = source.splat_file()
+        splats = content.splats
+        if not len(splats):
+            raise ValueError("there are no splats to write")
+        held = splats.held_by_float32()
+        if not bool(held.all()):
+            raise ValueError(f"row {int((~held).nonzero()[0])} has a value that is not finite")
+        origin = splats.means.double().median(dim=0).values
+        tree = build(replace(splats, means=splats.means - origin))
+        x, y, z = origin.tolist()
+        header = Header(tree.count, tree.sh_degree, (x, y, z), content.antialiased, content.up)
+        write_tree(path, tree, header)

@@ -1,0 +1,68 @@
+"""Verbs draw models and trees within a budget."""
+
+import json
+
+import pytest
+from support.scenes import random_splats
+
+from gsfw.commands.main import main
+from gsfw.core.exchange import SplatFile
+from gsfw.formats.ply import PlyExporter, PlyImporter
+
+pytestmark = pytest.mark.unchecked
+
+CPU = ("device=cpu",)
+
+
+@pytest.fixture(scope="module")
+def splats(tmp_path_factory):
+    path = tmp_path_factory.mktemp("splats") / "all.ply"
+    PlyExporter().write(path, SplatFile(random_splats(900, 1).map(lambda tensor: tensor.double())))
+    return path
+
+
+@pytest.fixture(scope="module")
+def tree(splats):
+    path = splats.with_name("all.lod")
+    assert main(["convert", str(splats), str(path), "check=false"]) == 0
+    return path
+
+
+def test_a_tree_is_converted_back_to_all_of_its_splats(tree, tmp_path):
+    assert main(["convert", str(tree), str(tmp_path / "back.ply"), "check=false"]) == 0
+    assert len(PlyImporter().read(tmp_path / "back.ply").splats) == 900
+
+
+@pytest.mark.parametrize("given", [("budget=50",), ("detail=9",), ()])
+def test_a_tree_is_rendered(tree, tmp_path, given):
+    words = ["render", str(tree), "what=orbit", "frames=1", "width=32", "video=none", *CPU, *given]
+    assert main([*words, f"out={tmp_path}"]) == 0
+    assert (tmp_path / "orbit" / "0000.png").is_file()
+
+
+def test_another_budget_renders_again(splats, tmp_path):
+    words = ["render", str(splats), "what=orbit", "frames=1", "width=32", "video=none", *CPU]
+    images = []
+    for budget in ("budget=5", "budget=600"):
+        assert main([*words, budget, f"out={tmp_path}"]) == 0
+        images.append((tmp_path / "orbit" / "0000.png").read_bytes())
+    assert images[0] != images[1]
+
+
+def test_a_budget_that_does_not_fit_into_memory_says_what_it_needs(tree, tmp_path, capsys):
+    words = ["render", str(tree), "what=orbit", "budget=800", "memory=8MB", f"out={tmp_path}", *CPU]
+    assert main(words) == 2
+    assert "Give memory=9MB, or a smaller budget." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "given", ["budget=many", "budget=0", "detail=-1", "memory=lots", "memory=0MB"]
+)
+def test_limits_that_are_no_numbers_are_refused(tree, capsys, given):
+    assert main(["render", str(tree), given]) == 2
+    assert given.partition("=")[0] in capsys.readouterr().err
+
+
+def test_info_tells_a_tree(tree, capsys):
+    assert main(["info", str(tree), "json=true"]) == 0
+    assert json.loads(capsys.readouterr().out)["num_gaussians"] == 900
