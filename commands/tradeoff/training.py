@@ -113,7 +113,7 @@ def run(arguments: Arguments) -> int:
             )
             experiment = Experiment(_request(options, data), base, shop, capture)
             _make(console, experiment, options, control)
-        document = _report(console, experiment, options, control)
+            document = _report(console, experiment, options, control)
     _tell_rest(console, experiment, control, options)
     console.result(document)
     return INTERRUPTED if interrupt.received else 0

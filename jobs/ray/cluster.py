@@ -184,7 +184,7 @@ class Cluster:
         else:
             together = math.ceil(self._jobs / max(1, len(fitting))) or 1
             parts = [machine.cpus / together for machine in fitting]
-        return max(1.0, math.floor(min(parts, default=1.0)))
+        return max(1.0, float(math.floor(min(parts, default=1.0))))
 
     def places(self, asked: Resources) -> int:
         """Jobs at a time.
