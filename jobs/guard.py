@@ -18,7 +18,7 @@ PATIENCE = 30.0
 """Seconds for writing a checkpoint, as of ``JobProcess``."""
 
 PR_SET_PDEATHSIG = 1
-"""Of Linux's ``prctl``: the signal that a process gets when its parent ends."""
+"""Linux's option of ``prctl``: a process gets a signal when its parent ends."""
 
 
 def main(command: list[str]) -> int:

@@ -117,7 +117,7 @@ def _no_cluster(address: str) -> UnavailableError:
 
 @dataclass(frozen=True)
 class Machine:
-    """What a machine of the cluster has in all, busy or not."""
+    """All resources of a machine of the cluster, busy or not."""
 
     cpus: float
     gpus: float

@@ -11,9 +11,9 @@ import threading
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
-import gsfw
 from gsfw.jobs import guard
 from gsfw.jobs.executor import POLL_SECONDS
 from gsfw.jobs.job import Job
@@ -24,6 +24,11 @@ from gsfw.jobs.process import JobProcess
 
 GUARD = (sys.executable, "-S", guard.__file__)
 """Ends a job when Ray ends the process that has started it, for example with a lost driver."""
+
+
+def version() -> str:
+    """The version of gsfw that is installed on this machine."""
+    return metadata.version("gsfw")
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class NodeJob:
         """
         missing = tuple(str(path) for path in job.reads if not path.exists())
         is_shared = mark is None or mark.exists()
-        return Place(socket.gethostname(), gsfw.__version__, is_shared, missing)
+        return Place(socket.gethostname(), version(), is_shared, missing)
 
     def work(
         self, job: Job, threads: int, environment: Mapping[str, str], pieces: list[bytes] | None

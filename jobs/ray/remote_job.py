@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gsfw
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.core.files.folder_lock import holder
 from gsfw.jobs.executor import StartedJob
@@ -21,7 +20,7 @@ from gsfw.jobs.outcome import Outcome
 from gsfw.jobs.packed_folder import pack, unpack
 from gsfw.jobs.process import PATIENCE, is_resumable
 from gsfw.jobs.ray.cluster import load_ray
-from gsfw.jobs.ray.node import NodeJob, Place
+from gsfw.jobs.ray.node import NodeJob, Place, version
 
 ATTEMPTS = 5
 """Machines that may die under a job before it counts as failed: it may be the job that does it."""
@@ -144,7 +143,7 @@ class RemoteJob(StartedJob):
                 False,
                 self.seconds,
                 error="a machine of the Ray cluster has no gsfw.",
-                advice=f"Install gsfw {gsfw.__version__} in the Python of every machine.",
+                advice=f"Install gsfw {version()} in the Python of every machine.",
             )
         if self._asked_to_stop:
             return Outcome(False, self.seconds, stopped=True)
@@ -162,8 +161,8 @@ class RemoteJob(StartedJob):
     def _refused(self, place: Place) -> Outcome | None:
         """The failure of a job that its machine cannot do."""
         error = advice = ""
-        if place.version != gsfw.__version__:
-            error = f"gsfw is {place.version} on {place.host}, and {gsfw.__version__} here."
+        if place.version != version():
+            error = f"gsfw is {place.version} on {place.host}, and {version()} here."
             advice = "Install the same version on every machine."
         elif place.missing:
             error = f"{place.host} does not see {place.missing[0]}."
