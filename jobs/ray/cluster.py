@@ -12,6 +12,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -64,6 +65,7 @@ def connect(address: str) -> bool:
     ray = load_ray()
     if ray.is_initialized():
         return False
+    _silence()
     # Ray takes over SIGTERM, which has its meaning here.
     before = signal.getsignal(signal.SIGTERM)
     try:
@@ -87,6 +89,13 @@ def connect(address: str) -> bool:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, before)
     return True
+
+
+def _silence() -> None:
+    """Let Ray not print what happens to machines, for which it has no setting."""
+    worker = import_module("ray._private.worker")
+    if hasattr(worker, "print_to_stdstream"):
+        setattr(worker, "print_to_stdstream", lambda data, ignore_prefix: None)  # noqa: B010
 
 
 def _advice(address: str) -> str:
