@@ -12,28 +12,11 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         "guides": (
             "Guides",
             (
-                *(
-                    "data",
-                    "remote-data",
-                    "prepare",
-                    "settings",
-                    "minutes",
-                    "run-outputs",
-                    "viewer",
-                    "render",
-                ),
-                *("report", "terminal", "moving-scenes", "dense-start", "growth"),
-                *(
-                    "requirements",
-                    "formats",
-                    "level-of-detail",
-                    "web",
-                    "edit",
-                    "mesh",
-                    "model-file",
-                    "python",
-                ),
-                *("existing-code", "studies", "benchmarks", "cuda", "gpu"),
+                *("data", "remote-data", "prepare", "settings", "minutes", "run-outputs"),
+                *("viewer", "render", "report", "terminal", "moving-scenes", "dense-start"),
+                *("growth", "requirements", "formats", "level-of-detail", "web", "edit", "mesh"),
+                *("model-file", "python", "existing-code", "studies", "many-machines"),
+                *("benchmarks", "cuda", "gpu"),
             ),
         ),
         "explain": (

@@ -47,7 +47,7 @@ OF_A_RUN = ("eval", "export", "open", "render", "report", "resume", "view")
 
 OTHERS = {
     ".", "apt-get", "benchmarks/gpu.sh", "cd", "conda", "git", "mypy", "pip", "pytest", "python",
-    "python3", "ruff", "tensorboard",
+    "python3", "ray", "ruff", "tensorboard",
 }  # fmt: skip
 """Other programs that documents may name."""
 
