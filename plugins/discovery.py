@@ -34,6 +34,7 @@ BUILTIN = (
     "gsfw.formats",
     "gsfw.kernels",
     "gsfw.methods",
+    "gsfw.partition",
     "gsfw.rasterizers",
     "gsfw.samplers",
     "gsfw.strategies",
