@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Options, positional, read_options
+from gsfw.commands.interface.arguments import positional, read_options
+from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
 from gsfw.core.words import duration, rough_duration
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Budget:
 
 
 @dataclass(kw_only=True)
-class StudyOptions(Options):
+class StudyOptions(ExecutionOptions):
     """Train a table of runs, keep finished ones, and compare: study.md, .csv, .png."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -52,8 +53,8 @@ class StudyOptions(Options):
     """Folder of the study. Empty: runs/studies/NAME."""
     only: tuple[str, ...] = ()
     """Names or patterns of rows and scenes to run, such as 4d*,robot; all others wait."""
-    jobs: int = 1
-    """Runs at a time, which share the cores."""
+    jobs: int = 0
+    """Runs at a time; 0: one, or with executor=ray as many as the cluster has resources for."""
     dry: bool = False
     """Print the runs to make and their estimated time; run nothing."""
     table: bool = False
@@ -95,8 +96,9 @@ def run(arguments: list[str]) -> int:
 def _check(options: StudyOptions) -> None:
     from gsfw.core.errors import ConfigError
 
-    if options.jobs < 1:
-        raise ConfigError(f"jobs={options.jobs}: expected at least 1.")
+    if options.jobs < 0:
+        raise ConfigError(f"jobs={options.jobs}: expected 0 or more.")
+    resources_of(options)
     minutes = options.budget.minutes
     if minutes is not None and minutes <= 0:
         raise ConfigError(f"budget.minutes={minutes:g}: expected more than 0.")
@@ -149,15 +151,15 @@ def _make(
     from gsfw.studies.runner import Runner, RunnerSettings
 
     control = Control()
-    settings = RunnerSettings(
-        options.jobs, options.budget.minutes, options.again, options.keep_runs
-    )
-    runner = Runner(plan, store, settings, control, lock)
+    resources, minutes = resources_of(options), options.budget.minutes
+    settings = RunnerSettings(resources, minutes, options.again, options.keep_runs)
+    executor = executor_of(options, options.jobs, lock)
+    runner = Runner(plan, store, settings, control, executor)
     about = f", about {rough_duration(runner.seconds_left())}" if runner.pending else ""
     console.say(f"{study.title}: {_runs(runner.kept)} there, {len(runner.pending)} to make{about}")
     ended: list[Ended] = []
     try:
-        with stop_on_signal(control) as interrupt:
+        with stop_on_signal(control) as interrupt, executor:
             for item in runner.run():
                 ended.append(item)
                 _tell(console, item)
@@ -242,7 +244,7 @@ def _dry(
         head = {"scene": cell.scene, "row": cell.row, "seed": cell.seed}
         listed.append({**head, "what": what, "seconds": seconds})
     console.table(["scene", "row", "seed", "steps", "about", "what"], rows)
-    total /= options.jobs
+    total /= max(1, options.jobs)
     guess = "" if estimate.is_measured else " (a guess: nothing is measured yet)"
     console.say(f"about {rough_duration(total)} in all{guess}; without dry=true they are made")
     console.result({"runs": listed, "seconds": total, "missing": list(missing)})

@@ -11,8 +11,10 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.files.json_text import json_text
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.jobs.job import Job, Resources
 from gsfw.planning.asked import BOUND, LENGTHS
 from gsfw.plugins.compose import check
+from gsfw.plugins.config_file import read_config
 from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Layer, Settings, resolve
@@ -75,6 +77,27 @@ class PlannedRun:
             *(f"{key}={as_text(value)}" for key, value in given.items()),
             f"out={self.folder.path}",
         ]
+
+    def job(self, resources: Resources) -> Job:
+        """The job that makes it or goes on with it.
+
+        Raises:
+            ConfigError: the settings beside its checkpoint are damaged.
+        """
+        resume = ["resume", str(self.folder.path)]
+        if self.steps_done() is not None:
+            before = read_config(self.folder.config, everything=True).values.get("data")
+            if self.data is not None and str(self.data.resolve()) != before:
+                resume.append(f"data={self.data}")  # It has moved.
+        return Job(
+            self.cell.name,
+            ("train", *self.arguments()),
+            resources,
+            reads=() if self.data is None else (self.data,),
+            folder=self.folder.path,
+            resume=tuple(resume),
+            result=self.folder.summary,
+        )
 
     def is_finished(self) -> bool:
         """True if its folder holds a complete result."""

@@ -7,17 +7,16 @@ import shutil
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from statistics import mean
 
 from gsfw.core.callback import Control
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.jobs.executor import POLL_SECONDS, Executor, StartedJob, end_all
+from gsfw.jobs.job import Resources
+from gsfw.jobs.outcome import Outcome
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Failure, Result, ResultStore, collect, today
-from gsfw.studies.run_process import Outcome, RunProcess, threads_per_run
-
-POLL_SECONDS = 0.1
-"""Between looks at the processes; next to nothing against the length of a run."""
 
 START_SECONDS = 8.0
 """Start and end of a process around its training, about; where nothing is measured yet."""
@@ -87,8 +86,8 @@ class Estimate:
 class RunnerSettings:
     """Settings of the runner."""
 
-    jobs: int = 1
-    """Runs at a time."""
+    resources: Resources = field(default_factory=Resources)
+    """Resources of each run."""
     minutes: float | None = None
     """Time after which no further run starts; ``None`` for no limit."""
     again: bool = False
@@ -117,6 +116,14 @@ class Ended:
     """Estimated time until all runs are made."""
 
 
+@dataclass(frozen=True)
+class Working:
+    """A run at work."""
+
+    run: PlannedRun
+    job: StartedJob
+
+
 class Runner:
     """Makes runs; runs that are finished with the same settings are kept."""
 
@@ -126,7 +133,7 @@ class Runner:
         store: ResultStore,
         settings: RunnerSettings,
         control: Control,
-        lock: int | None = None,
+        executor: Executor,
     ) -> None:
         """Find the runs that are missing.
 
@@ -135,18 +142,18 @@ class Runner:
             store: of their results.
             settings: of the runner.
             control: may request a stop.
-            lock: an open file that every process holds as long as it lives.
+            executor: does the runs.
 
         Raises:
             OutputError: a result that was found cannot be written.
         """
         self._store, self._settings, self._control = store, settings, control
-        self._lock = lock
+        self._executor = executor
         self.pending: deque[PlannedRun] = deque()
         """Runs that are not made yet, in order."""
         self.kept = 0
         """Number of runs that had results."""
-        self.working: list[RunProcess] = []
+        self.working: list[Working] = []
         for run in plan:
             if settings.again or not self._is_kept(run):
                 self.pending.append(run)
@@ -178,6 +185,7 @@ class Runner:
 
         Raises:
             OutputError: a result cannot be written.
+            UnavailableError: no machine has the resources of a run.
         """
         minutes = self._settings.minutes
         until = math.inf if minutes is None else time.monotonic() + 60 * minutes
@@ -188,21 +196,19 @@ class Runner:
                 if not stopping and seconds > 0:
                     yield from self._start(seconds)
                 elif stopping or self._settings.on_time:
-                    for process in self.working:
-                        process.stop()
+                    for item in self.working:
+                        item.job.stop()
                 if not self.working:
                     return
                 yield from self._look()
                 time.sleep(POLL_SECONDS)
         finally:
-            for process in self.working:
-                process.stop(once_more=True)
-            for process in self.working:
-                process.wait()
+            end_all(item.job for item in self.working)
 
     def _start(self, seconds: float) -> Iterator[Ended]:
-        """Start processes up to the number of jobs; yields runs that cannot go on."""
-        while len(self.working) < self._settings.jobs:
+        """Start jobs as far as there are places; yields runs that cannot go on."""
+        resources = self._settings.resources
+        while self.pending and len(self.working) < self._executor.places(resources):
             run = self._next(seconds)
             if run is None:
                 return
@@ -213,12 +219,11 @@ class Runner:
                 shutil.rmtree(run.folder.path, ignore_errors=True)
             if self._settings.again or failure is not None:
                 self._store.forget(key)
-            threads = threads_per_run(self._settings.jobs)
             try:
-                self.working.append(RunProcess(run, threads, self._lock))
+                self.working.append(Working(run, self._executor.start(run.job(resources))))
             except ConfigError as error:  # In the file beside the checkpoint.
                 advice = "The same command removes its folder and makes the run anew."
-                outcome = Outcome(False, 0.0, True, error=error.message, advice=advice)
+                outcome = Outcome(False, 0.0, resumed=True, error=error.message, advice=advice)
                 yield self._ended(run, outcome)
 
     def _next(self, seconds: float) -> PlannedRun | None:
@@ -229,12 +234,12 @@ class Runner:
         return next((run for run in self.pending if estimate.seconds(run) <= seconds), None)
 
     def _look(self) -> Iterator[Ended]:
-        """Yield the runs whose processes have ended."""
-        for process in list(self.working):
-            outcome = process.poll()
+        """Yield the runs whose jobs have ended."""
+        for item in list(self.working):
+            outcome = item.job.poll()
             if outcome is not None:
-                self.working.remove(process)
-                yield self._ended(process.run, outcome)
+                self.working.remove(item)
+                yield self._ended(item.run, outcome)
 
     def _ended(self, run: PlannedRun, outcome: Outcome) -> Ended:
         result = failure = None
@@ -262,6 +267,8 @@ class Runner:
         estimate = Estimate(self._store.results.values())
         seconds = sum(estimate.seconds(run) for run in self.pending)
         seconds += sum(
-            max(0.0, estimate.seconds(process.run) - process.seconds) for process in self.working
+            max(0.0, estimate.seconds(item.run) - item.job.seconds) for item in self.working
         )
-        return seconds / max(1, min(self._settings.jobs, len(self.pending) + len(self.working)))
+        left = len(self.pending) + len(self.working)
+        places = self._executor.places(self._settings.resources) if left else 1
+        return seconds / max(1, min(places, left))

@@ -17,6 +17,7 @@ MAY_IMPORT = {
     "kernels": {"gsfw.core", "gsfw.kernels", SPECS},
     "rasterizers": {"gsfw.core", "gsfw.kernels", "gsfw.rasterizers", SPECS},
     "datamanagers": {"gsfw.core", "gsfw.datamanagers", SPECS},
+    "jobs": {"gsfw.core", "gsfw.jobs"},
     "methods": {"gsfw.core", "gsfw.methods", SPECS},
     "strategies": {"gsfw.core", "gsfw.strategies", SPECS},
     "samplers": {"gsfw.core", "gsfw.samplers", SPECS},
@@ -29,7 +30,7 @@ MAY_IMPORT = {
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
-    "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
+    "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.jobs", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
     "reports": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering"),
@@ -37,8 +38,8 @@ MAY_IMPORT = {
     },
     "viewer": {"gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"},
     "studies": {
-        *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
-        *("gsfw.planning", "gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),
+        *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.jobs", "gsfw.kernels"),
+        *("gsfw.methods", "gsfw.planning", "gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),
     },
     "commands": {"gsfw"},
     "api": {"gsfw"},

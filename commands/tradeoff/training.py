@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.interface.arguments import Arguments, Options, layers, read_options
+from gsfw.commands.interface.arguments import Arguments, layers, read_options
+from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
 from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
 USUAL_METHOD = "3dgs"
 """The default method."""
 
-OWN = ("axes", "jobs", "repeats", "target", "budget", "out", "json", "debug", "dry_run")
+OWN = (
+    *("axes", "jobs", "repeats", "target", "budget", "out", "executor", "ray", "job"),
+    *("json", "debug", "dry_run"),
+)
 """Prefixes of this verb's own keys; all others are settings of the runs."""
 
 OTHERS = "another tradeoff, or a run that one left behind,"
@@ -39,7 +43,7 @@ class TrainingBudget(Budget):
 
 
 @dataclass(kw_only=True)
-class TrainingOptions(Options):
+class TrainingOptions(ExecutionOptions):
     """Without a RUN: train variants of a run, and measure quality, size and speed of each."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -56,7 +60,8 @@ class TrainingOptions(Options):
     budget: TrainingBudget = field(default_factory=TrainingBudget)
     """Bounds that must not be exceeded."""
     jobs: int = 0
-    """Runs at a time, which share the cores; 0: two, where there are two cores and no GPU."""
+    """Runs at a time, which share the cores; 0: two, where there are two cores and no GPU; with
+    executor=ray as many as the cluster has resources for."""
     repeats: int = 5
     """Rounds in which every variant is rendered for its time."""
     out: str = ""
@@ -80,7 +85,13 @@ def run(arguments: Arguments) -> int:
     from gsfw.plugins.registry import installed
     from gsfw.studies.report import RESULTS
     from gsfw.studies.result import ResultStore
-    from gsfw.studies.tradeoff.training.experiment import Experiment, by_when, default_folder
+    from gsfw.studies.tradeoff.training.base import find_capture
+    from gsfw.studies.tradeoff.training.experiment import (
+        Experiment,
+        by_when,
+        default_folder,
+        usual_jobs,
+    )
     from gsfw.studies.tradeoff.training.trainer import Workshop
 
     console, registry, control = Console(options.json), installed(), Control()
@@ -93,9 +104,15 @@ def run(arguments: Arguments) -> int:
         store = ResultStore(folder / RESULTS, f"Variants of {data or 'the built-in scene'}")
         store.write()  # A write error should appear now, not after an hour.
         deadline = by_when(started, options.budget.minutes)
-        shop = Workshop(registry, folder, store, control, options.jobs, deadline, lock)
-        experiment = Experiment(_request(options, data), base, shop)
-        _make(console, experiment, options, control)
+        capture = find_capture(base, registry)
+        here = options.executor == "local"
+        jobs = options.jobs or (usual_jobs(capture) if here else 0)
+        with executor_of(options, jobs, lock) as executor:
+            shop = Workshop(
+                registry, folder, store, control, executor, resources_of(options), deadline
+            )
+            experiment = Experiment(_request(options, data), base, shop, capture)
+            _make(console, experiment, options, control)
         document = _report(console, experiment, options, control)
     _tell_rest(console, experiment, control, options)
     console.result(document)
@@ -133,6 +150,7 @@ def _check(options: TrainingOptions) -> None:
             )
     numbers = {"jobs": (options.jobs, 0), "repeats": (options.repeats, 1)}
     check_numbers(numbers, options.budget)
+    resources_of(options)
 
 
 def _base(given: Mapping[str, Any], registry: Registry) -> Base:

@@ -73,7 +73,7 @@ def test_tables_are_made_again_from_results_alone(file, out, tmp_path, monkeypat
     for name in ("runs", "study.md", "study.csv", "study.png"):
         path = tmp_path / "out" / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    monkeypatch.setattr("gsfw.studies.run_process.COMMAND", ("no such program",))
+    monkeypatch.setattr("gsfw.jobs.process.COMMAND", ("no such program",))
     assert study(file, out, "table=true") == 0
     assert (tmp_path / "out" / "study.md").read_text() == report
     assert f"command: `gsfw study {file} {out}`" in report
@@ -150,7 +150,7 @@ def test_scenes_without_their_data_are_left_out_and_said(file, out, tmp_path, ca
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["jobs=0"], "error: jobs=0: expected at least 1.\n"),
+        (["jobs=-1"], "error: jobs=-1: expected 0 or more.\n"),
         (["budget.minutes=0"], "error: budget.minutes=0: expected more than 0.\n"),
         (["budget.minute=3"], "unknown key 'budget.minute'. Did you mean 'budget.minutes'?\n"),
         (["table=true", "dry=true"], "error: table=true runs nothing, so dry and again mean"),

@@ -24,7 +24,7 @@ TINY = (
 def quick(monkeypatch):
     """Runs take no time, and are not looked at."""
     command = (sys.executable, "-S", fake_variants.__file__)
-    monkeypatch.setattr("gsfw.studies.run_process.COMMAND", command)
+    monkeypatch.setattr("gsfw.jobs.process.COMMAND", command)
     experiment = "gsfw.studies.tradeoff.training.experiment.Experiment"
     monkeypatch.setattr(f"{experiment}.is_drawn", True)
     monkeypatch.setattr(f"{experiment}.without_flip", [])

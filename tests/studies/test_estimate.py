@@ -7,11 +7,11 @@ import pytest
 from support.small_study import plan, small_study
 
 from gsfw.core.cores import cores
+from gsfw.jobs.local import threads_per_job
 from gsfw.planning.asked import BOUND
 from gsfw.studies import origin as origin_module
 from gsfw.studies.origin import origin
 from gsfw.studies.result import Result
-from gsfw.studies.run_process import threads_per_run
 from gsfw.studies.runner import START_SECONDS, STEP_SECONDS, Estimate
 
 
@@ -75,11 +75,11 @@ def test_what_is_done_is_not_counted(tmp_path):
 
 
 def test_jobs_share_the_threads_that_there_are(monkeypatch):
-    assert threads_per_run(1) is None
+    assert threads_per_job(1) is None
     monkeypatch.setenv("OMP_NUM_THREADS", "8")
-    assert [threads_per_run(jobs) for jobs in (2, 3, 9)] == [4, 2, 1]
+    assert [threads_per_job(jobs) for jobs in (2, 3, 9)] == [4, 2, 1]
     monkeypatch.delenv("OMP_NUM_THREADS")
-    assert threads_per_run(2) == max(1, cores() // 2)
+    assert threads_per_job(2) == max(1, cores() // 2)
 
 
 def test_the_origin_names_machine_and_versions(monkeypatch, tmp_path):

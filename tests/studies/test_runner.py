@@ -19,6 +19,7 @@ from support.fake_training import (
 from support.small_study import TINY, make, plan, small_study
 
 from gsfw.core.callback import Control
+from gsfw.jobs.local import LocalExecutor
 from gsfw.studies.planned_run import fingerprint
 from gsfw.studies.report import RESULTS
 from gsfw.studies.result import ResultStore
@@ -141,7 +142,7 @@ def test_data_that_has_moved_is_told_to_a_run_that_goes_on(tmp_path):
     for name in ("before", "now"):
         planned = plan_runs(study.cells(), installed(), tmp_path / name, tmp_path)
         store = ResultStore(tmp_path / RESULTS, "")
-        (ended,) = Runner(planned, store, RunnerSettings(), Control()).run()
+        (ended,) = Runner(planned, store, RunnerSettings(), Control(), LocalExecutor()).run()
     folder = ended.run.folder.path
     assert (folder / "resumed").read_text() == f"{folder} data={tmp_path / 'now' / 'robot'}"
 
@@ -160,6 +161,7 @@ def test_no_run_is_started_when_the_budget_is_over(tmp_path):
         kept(tmp_path),
         RunnerSettings(minutes=1e-9),
         Control(),
+        LocalExecutor(),
     )
     assert list(runner.run()) == []
     assert len(runner.pending) == 2
@@ -170,7 +172,7 @@ def test_what_has_not_ended_in_time_is_stopped_and_left(tmp_path, monkeypatch):
     monkeypatch.setattr("gsfw.studies.runner.STEP_SECONDS", 0.0)
     study = small_study(seeds=(WAITS_FOR_ANOTHER,), rows=STILL)
     settings = RunnerSettings(minutes=0.5 / 60, on_time=True)
-    runner = Runner(plan(study, tmp_path), kept(tmp_path), settings, Control())
+    runner = Runner(plan(study, tmp_path), kept(tmp_path), settings, Control(), LocalExecutor())
     (ended,) = runner.run()
     assert (ended.result, ended.failure) == (None, None)
     assert list(runner.pending) == [ended.run]
@@ -184,6 +186,7 @@ def test_what_would_not_end_in_time_is_not_started_and_shorter_runs_are(tmp_path
         kept(tmp_path),
         RunnerSettings(minutes=1.0, on_time=True),
         Control(),
+        LocalExecutor(),
     )
     (ended,) = runner.run()
     assert ended.run.cell.row == "still"
@@ -197,7 +200,9 @@ def test_a_stop_leaves_checkpoints_and_the_next_session_goes_on(tmp_path):
 
     before = signal.signal(signal.SIGINT, lambda *_: control.request_stop("Ctrl-C"))
     try:
-        runner = Runner(plan(study, tmp_path), kept(tmp_path), RunnerSettings(), control)
+        runner = Runner(
+            plan(study, tmp_path), kept(tmp_path), RunnerSettings(), control, LocalExecutor()
+        )
         (ended,) = runner.run()
     finally:
         signal.signal(signal.SIGINT, before)
@@ -295,5 +300,8 @@ def test_a_damaged_result_that_cannot_be_removed_is_no_error(tmp_path, monkeypat
     with monkeypatch.context() as patch:
         patch.setattr(os, "unlink", refuse)
         patch.setattr(os, "rmdir", refuse)
-        runner = Runner(plan(small_study(), tmp_path), kept(tmp_path), RunnerSettings(), Control())
+        settings = RunnerSettings()
+        runner = Runner(
+            plan(small_study(), tmp_path), kept(tmp_path), settings, Control(), LocalExecutor()
+        )
     assert [run.cell.row for run in runner.pending] == ["still"]

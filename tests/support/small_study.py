@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from gsfw.core.callback import Control
+from gsfw.jobs.local import LocalExecutor
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import PlannedRun, plan_runs
 from gsfw.studies.report import RESULTS
@@ -29,14 +30,16 @@ def plan(study: Study, folder: Path) -> list[PlannedRun]:
     return plan_runs(study.cells(), installed(), Path(), folder)
 
 
-def make(study: Study, folder: Path, **settings) -> list[Ended]:
+def make(study: Study, folder: Path, jobs: int = 1, **settings) -> list[Ended]:
     """Make its runs; how each ended."""
     store = ResultStore(folder / RESULTS, study.title)
-    return list(Runner(plan(study, folder), store, RunnerSettings(**settings), Control()).run())
+    with LocalExecutor(jobs) as executor:
+        runs = plan(study, folder)
+        return list(Runner(runs, store, RunnerSettings(**settings), Control(), executor).run())
 
 
 @pytest.fixture
 def quick(monkeypatch) -> None:
     """Runs are those of fake_training."""
     command = (sys.executable, "-S", fake_training.__file__)
-    monkeypatch.setattr("gsfw.studies.run_process.COMMAND", command)
+    monkeypatch.setattr("gsfw.jobs.process.COMMAND", command)

@@ -6,7 +6,7 @@ import math
 import shlex
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from gsfw.studies.study import NEUTRAL
 from gsfw.studies.tradeoff import flip
 from gsfw.studies.tradeoff.recommendation import Wish
 from gsfw.studies.tradeoff.training.axes import BASELINE, START, STEPS
-from gsfw.studies.tradeoff.training.base import Base, find_capture, singles
+from gsfw.studies.tradeoff.training.base import Base, Capture, singles
 from gsfw.studies.tradeoff.training.judge import DRAW_MS, FLIP, RunJudge
 from gsfw.studies.tradeoff.training.search import Round, Search, Trial
 from gsfw.studies.tradeoff.training.sizing import (
@@ -62,19 +62,25 @@ class Request:
     """Data set as it was typed; empty for the built-in scene."""
 
 
+def usual_jobs(capture: Capture) -> int:
+    """Runs at a time on one machine, where the user has not chosen."""
+    return 1 if capture.device != "cpu" else min(MOST_JOBS, cores())
+
+
 class Experiment:
     """The variants of a base."""
 
-    def __init__(self, request: Request, base: Base, shop: Workshop) -> None:
-        """Read the data set.
+    def __init__(self, request: Request, base: Base, shop: Workshop, capture: Capture) -> None:
+        """Choose the variants.
 
-        Raises:
-            DataError: it cannot be used, or holds out no images.
+        Args:
+            request: of the user.
+            base: settings that are varied.
+            shop: of the runs.
+            capture: facts on the data set of the base.
         """
-        self._request, self._unsized = request, base
-        self.capture = find_capture(base, shop.registry)
-        usual = 1 if self.capture.device != "cpu" else min(MOST_JOBS, cores())
-        self.shop = replace(shop, jobs=shop.jobs or usual)
+        self._request, self._unsized, self.shop = request, base, shop
+        self.capture = capture
         self._choose_recipes(base)
 
     def _choose_recipes(self, base: Base) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ from gsfw.core.callback import Control
 from gsfw.core.config import MethodConfig
 from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.jobs.executor import Executor
+from gsfw.jobs.job import Resources
 from gsfw.plugins.registry import Registry
 from gsfw.studies.planned_run import PlannedRun, plan_runs
 from gsfw.studies.result import MEGABYTE, Result, ResultStore
@@ -43,12 +45,21 @@ class Workshop:
     folder: Path
     store: ResultStore
     control: Control
-    jobs: int
-    """Runs at a time."""
+    executor: Executor
+    """Does the runs."""
+    resources: Resources = field(default_factory=Resources)
+    """Resources of each run."""
     deadline: float | None = None
     """Time by ``time.monotonic`` at which all runs have to have ended; ``None`` for no limit."""
-    lock: int | None = None
-    """An open file that every process holds as long as it lives."""
+
+    @property
+    def jobs(self) -> int:
+        """Runs at a time.
+
+        Raises:
+            UnavailableError: no machine has the resources of a run.
+        """
+        return self.executor.places(self.resources)
 
 
 class Trainer:
@@ -99,8 +110,8 @@ class Trainer:
             if known is not None and self._of(run) is None:
                 shop.store.forget(known.key)
         minutes = None if shop.deadline is None else (shop.deadline - time.monotonic()) / 60
-        settings = RunnerSettings(shop.jobs, minutes, on_time=True)
-        runner = Runner(list(runs.values()), shop.store, settings, shop.control, shop.lock)
+        settings = RunnerSettings(shop.resources, minutes, on_time=True)
+        runner = Runner(list(runs.values()), shop.store, settings, shop.control, shop.executor)
         for ended in runner.run():
             yield replace(ended, result=self._judged(ended.run))
 
@@ -178,8 +189,8 @@ def measure_speeds(sizes: Sequence[Mapping[str, Any]], shop: Workshop, steps: in
     minutes = None
     if shop.deadline is not None:
         minutes = PART * (shop.deadline - time.monotonic()) / 60
-    settings = RunnerSettings(shop.jobs, minutes, on_time=True)
-    runner = Runner(plan[::-1], shop.store, settings, shop.control, shop.lock)
+    settings = RunnerSettings(shop.resources, minutes, on_time=True)
+    runner = Runner(plan[::-1], shop.store, settings, shop.control, shop.executor)
     for ended in runner.run():
         if ended.failure is not None:
             raise DataError(ended.failure.error, ended.failure.advice)

@@ -11,6 +11,7 @@ from support.tradeoff_models import finished_model
 
 from gsfw.core.callback import Control
 from gsfw.core.datamanager import Split
+from gsfw.jobs.local import LocalExecutor
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import plan_runs
 from gsfw.studies.result import ResultStore
@@ -24,11 +25,11 @@ from gsfw.studies.tradeoff.training.judge import DRAW_MS, DRAW_SPREAD, FLIP, Run
 def made(tmp_path, monkeypatch):
     """A run that took no time, and the store of its result."""
     command = (sys.executable, "-S", fake_variants.__file__)
-    monkeypatch.setattr("gsfw.studies.run_process.COMMAND", command)
+    monkeypatch.setattr("gsfw.jobs.process.COMMAND", command)
     cell = Cell("baseline", "10 steps", {"method": "3dgs", "steps": 10, "seed": 1})
     plan = plan_runs([cell], installed(), tmp_path, tmp_path)
     store = ResultStore(tmp_path / "results.json", "")
-    list(Runner(plan, store, RunnerSettings(), Control()).run())
+    list(Runner(plan, store, RunnerSettings(), Control(), LocalExecutor()).run())
     return plan, store
 
 

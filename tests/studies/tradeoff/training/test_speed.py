@@ -8,6 +8,7 @@ from support import fake_variants
 
 from gsfw.core.callback import Control
 from gsfw.core.errors import DataError
+from gsfw.jobs.local import LocalExecutor
 from gsfw.plugins.registry import installed
 from gsfw.studies.result import ResultStore
 from gsfw.studies.tradeoff.training.trainer import Stopped, Workshop, measure_speeds
@@ -19,13 +20,15 @@ SIZES = [{**GIVEN, "downscale": factor} for factor in (1.0, 2.0)]
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     command = (sys.executable, "-S", fake_variants.__file__)
-    monkeypatch.setattr("gsfw.studies.run_process.COMMAND", command)
+    monkeypatch.setattr("gsfw.jobs.process.COMMAND", command)
 
 
 def workshop(folder, seconds=600.0, control=None):
     store = ResultStore(folder / "results.json", "")
     deadline = time.monotonic() + seconds
-    return Workshop(installed(), folder, store, control or Control(), 2, deadline)
+    return Workshop(
+        installed(), folder, store, control or Control(), LocalExecutor(2), deadline=deadline
+    )
 
 
 def test_every_size_is_measured_and_known_the_next_time(tmp_path):

@@ -10,6 +10,7 @@ from support import fake_variants
 from support.fake_variants import KILLED
 
 from gsfw.core.callback import Control
+from gsfw.jobs.local import LocalExecutor
 from gsfw.plugins.registry import installed
 from gsfw.studies.result import ResultStore
 from gsfw.studies.tradeoff.training.axes import Choice, Recipe
@@ -25,13 +26,13 @@ SAME = Recipe((Choice("sh_degree", "sh_degree=3", {"sh_degree": 3}),))
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     command = (sys.executable, "-S", fake_variants.__file__)
-    monkeypatch.setattr("gsfw.studies.run_process.COMMAND", command)
+    monkeypatch.setattr("gsfw.jobs.process.COMMAND", command)
 
 
 def trainer(folder: Path, deadline=None, seed=42) -> Trainer:
     base = find_base({"method": "3dgs", "seed": seed}, installed())
     store = ResultStore(folder / "results.json", "")
-    shop = Workshop(installed(), folder, store, Control(), 2, deadline)
+    shop = Workshop(installed(), folder, store, Control(), LocalExecutor(2), deadline=deadline)
     return Trainer(base, shop, lambda run, result: {PSNR: result.figures["psnr"], SSIM: 0.5})
 
 

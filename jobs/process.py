@@ -1,9 +1,10 @@
-"""RunProcess: one training run in a process of its own."""
+"""JobProcess: one job in a process of its own, on the machine that this program runs on."""
 
 from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -11,15 +12,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import IO, Any
 
-from gsfw.core.cores import cores
-from gsfw.plugins.config_file import read_config
-from gsfw.studies.planned_run import PlannedRun
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.jobs.job import Call, Job
+from gsfw.jobs.outcome import Outcome
 
 COMMAND = (sys.executable, "-m", "gsfw")
 """This gsfw, whatever PATH says."""
+
+CALL = (sys.executable, "-m", "gsfw.jobs.call")
+"""Makes a call that a file holds."""
 
 INTERRUPTED = 130
 """Exit code of a run that was stopped by a signal and has written a checkpoint."""
@@ -31,57 +35,46 @@ PATIENCE = 30.0
 """Seconds for writing a checkpoint after a request to stop."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The end of a run's process."""
-
-    finished: bool
-    seconds: float
-    """Since the process was started."""
-    resumed: bool
-    """True if the run went on from a checkpoint, so that these are not all its seconds."""
-    stopped: bool = False
-    """True if it was asked to end; it goes on from its checkpoint another time."""
-    error: str = ""
-    advice: str = ""
-    resumable: bool = False
-    """True if it was cut off from outside and can go on."""
+def is_resumable(job: Job) -> bool:
+    """True if a job can go on from a checkpoint."""
+    if job.folder is None or not job.resume:
+        return False
+    folder = RunFolder(job.folder)
+    return folder.latest_checkpoint() is not None and folder.config.is_file()
 
 
-class RunProcess:
-    """``gsfw train`` or, where there is a checkpoint, ``gsfw resume``, as a process."""
+class JobProcess:
+    """A job as a process: ``python -m gsfw`` with its arguments, or with those to resume."""
 
     def __init__(
         self,
-        run: PlannedRun,
+        job: Job,
         threads: int | None = None,
         lock: int | None = None,
+        before: tuple[str, ...] = (),
     ) -> None:
         """Start it.
 
         Args:
-            run: to make or to continue.
+            job: to do or to continue.
             threads: that the process may use; ``None`` leaves that to the libraries.
             lock: an open file that the process holds as long as it lives.
-
-        Raises:
-            ConfigError: the settings beside the run's checkpoint are damaged.
+            before: a command line that runs the process's own, given after it.
         """
-        self.run = run
+        self.job = job
         self._asked_to_stop = False
         self._started = time.monotonic()
-        self.resumed = run.steps_done() is not None
-        if self.resumed:
-            arguments = ["resume", str(run.folder.path), *_moved_data(run)]
-        else:
-            shutil.rmtree(run.folder.path, ignore_errors=True)  # Nothing in it can go on.
-            arguments = ["train", *run.arguments()]
+        self.resumed = is_resumable(job)
+        if job.folder is not None and not self.resumed:
+            shutil.rmtree(job.folder, ignore_errors=True)  # Nothing in it can go on.
         # Files and not pipes: a full pipe that nobody reads blocks its writer.
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed when it has ended
         self._messages = tempfile.TemporaryFile()  # noqa: SIM115
+        self._call: Path | None = None
         self._process = subprocess.Popen(
-            [*COMMAND, *arguments, "json=true"],
-            stdin=subprocess.DEVNULL,
+            [*before, *self._command()],
+            # Who waits for the end of this program does that by the end of its input.
+            stdin=subprocess.PIPE if before else subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._messages,
             env=_environment(threads),
@@ -90,10 +83,23 @@ class RunProcess:
             start_new_session=True,
         )
 
+    def _command(self) -> list[str]:
+        work = self.job.resume if self.resumed else self.job.work
+        if not isinstance(work, Call):
+            return [*COMMAND, *work, "json=true"]
+        self._call = Path(tempfile.mkdtemp(prefix="gsfw-call-"))
+        (self._call / "call").write_bytes(pickle.dumps((work.function, work.arguments)))
+        return [*CALL, str(self._call)]
+
     @property
     def seconds(self) -> float:
         """Since the start."""
         return time.monotonic() - self._started
+
+    @property
+    def is_running(self) -> bool:
+        """True if it has not ended."""
+        return self._process.poll() is None
 
     def poll(self) -> Outcome | None:
         """The outcome; ``None`` while the process runs."""
@@ -107,6 +113,10 @@ class RunProcess:
     def _close(self) -> None:
         self._output.close()
         self._messages.close()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        if self._call is not None:
+            shutil.rmtree(self._call, ignore_errors=True)
 
     def stop(self, once_more: bool = False) -> None:
         """Ask the process to end with a checkpoint; once more, to end at once."""
@@ -124,8 +134,13 @@ class RunProcess:
         self._close()
 
     def _outcome(self, code: int) -> Outcome:
-        if code == 0 and self.run.is_finished():
-            return Outcome(True, self.seconds, self.resumed)
+        result = self.job.result
+        if code == 0 and (result is None or result.is_file()):
+            value = None
+            if self._call is not None:
+                value = pickle.loads((self._call / "value").read_bytes())
+            document = self._document()
+            return Outcome(True, self.seconds, self.resumed, document=document, value=value)
         if self._asked_to_stop:
             return Outcome(False, self.seconds, self.resumed, stopped=True)
         document = self._document()
@@ -139,29 +154,22 @@ class RunProcess:
         elif code == INTERRUPTED:
             error = "the run was interrupted from outside."
         elif not error:
-            lines = self._text(self._messages).strip().splitlines()
+            lines = _text(self._messages).strip().splitlines()
             error = lines[-1] if lines else f"the run ended with exit code {code}."
-        return Outcome(False, self.seconds, self.resumed, False, error, advice, cut_off)
+        return Outcome(False, self.seconds, self.resumed, False, error, advice, cut_off, document)
 
     def _document(self) -> Mapping[str, Any]:
         """The run's JSON document; empty where it has written none."""
         try:
-            document = json.loads(self._text(self._output))
+            document = json.loads(_text(self._output))
         except ValueError:
             return {}
         return document if isinstance(document, dict) else {}
 
-    def _text(self, file: Any) -> str:  # noqa: ANN401 - a temporary file has no public type
-        file.seek(0)
-        return str(file.read().decode(errors="replace"))
 
-
-def _moved_data(run: PlannedRun) -> list[str]:
-    """The argument that names a run's data where it has moved."""
-    before = read_config(run.folder.config, everything=True).values.get("data")
-    if run.data is None or str(run.data.resolve()) == before:
-        return []
-    return [f"data={run.data}"]
+def _text(file: IO[bytes]) -> str:
+    file.seek(0)
+    return file.read().decode(errors="replace")
 
 
 def _environment(threads: int | None) -> dict[str, str]:
@@ -169,12 +177,3 @@ def _environment(threads: int | None) -> dict[str, str]:
     if threads is not None:
         environment["OMP_NUM_THREADS"] = str(threads)
     return environment
-
-
-def threads_per_run(jobs: int) -> int | None:
-    """Threads of each of several runs at a time; ``None`` leaves a single one as it is."""
-    if jobs == 1:
-        return None
-    text = os.environ.get("OMP_NUM_THREADS", "")
-    available = int(text) if text.isdecimal() and int(text) > 0 else cores()
-    return max(1, available // jobs)
