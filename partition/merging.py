@@ -10,12 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
+
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import SplatFile
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Splats
 from gsfw.formats.model_file import ModelFileExporter
 from gsfw.formats.ply import PlyExporter
+from gsfw.partition.block_data import places_of
 from gsfw.partition.document import Block, Partition
 from gsfw.plugins.compose import compose
 from gsfw.plugins.initial_splats import in_scene
@@ -88,8 +91,9 @@ def run_splats(restored: Restored) -> SplatFile:
 
 def own_rows(content: SplatFile, partition: Partition, block: Block) -> SplatFile:
     """The splats whose centre lies in the cell of a block."""
-    inside = block.cell.holds(partition.ground.places(content.splats.means.numpy()))
-    return replace(content, splats=content.splats.take(inside.nonzero()[0]))
+    inside = block.cell.holds(places_of(content.splats.means, partition.ground))
+    rows = torch.from_numpy(inside.nonzero()[0])
+    return replace(content, splats=content.splats.take(rows))
 
 
 def write_merged(merged: Merged, folder: Path, layer: Layer, registry: Registry) -> list[Path]:
