@@ -111,6 +111,12 @@ def write_city(
     return folder
 
 
+def city_scene(city: City, camera: Cameras) -> SyntheticScene:
+    """What a camera of a city sees, in its world without the origin."""
+    styles = [solids(city.seed + style) for style in range(STYLES)]
+    return SyntheticScene((_ground(city), *_near(city, camera, styles)), 0.0)
+
+
 def _ground(city: City) -> Solid:
     half = [SPACING * count / 2 + REACH + SPACING for count in city.tiles]
     generator = torch.Generator().manual_seed(city.seed + 1000)
@@ -187,6 +193,9 @@ def _write_points(path: Path, points: Tensor, colors: Tensor, city: City) -> Non
     records = np.empty(len(points), [("place", "<f8", 3), ("color", "u1", 3)])
     records["place"] = points.numpy() + np.array(city.origin)
     records["color"] = (colors.clamp(0, 1) * 255).round().byte().numpy()
-    kinds = [*(("double", axis) for axis in "xyz"), *(("uchar", c) for c in ("red", "green", "blue"))]
+    kinds = [
+        *(("double", axis) for axis in "xyz"),
+        *(("uchar", c) for c in ("red", "green", "blue")),
+    ]
     header = ply_header(["Generated city of gsfw"], {"vertex": (len(points), kinds)})
     path.write_bytes(header + records.tobytes())

@@ -63,7 +63,9 @@ def ground_plan_figure(plan: GroundPlan) -> Figure:
         axes.add_patch(Rectangle(tuple(start), *(end - start), fill=False, ec=color, lw=1.5))
         outer = start - cell.margin, end + cell.margin
         axes.add_patch(
-            Rectangle(tuple(outer[0]), *(outer[1] - outer[0]), fill=False, ec=color, lw=0.6, ls="--")
+            Rectangle(
+                tuple(outer[0]), *(outer[1] - outer[0]), fill=False, ec=color, lw=0.6, ls="--"
+            )
         )
         axes.text(*((start + end) / 2), cell.name, color=color, ha="center", va="center")
     axes.set_xlim(low[0], high[0])

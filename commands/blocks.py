@@ -181,9 +181,7 @@ def _train(
     return _do(executor, pending, control, console)
 
 
-def _do(
-    executor: Executor, jobs: Sequence[Job], control: Control, console: Console
-) -> list[str]:
+def _do(executor: Executor, jobs: Sequence[Job], control: Control, console: Console) -> list[str]:
     from gsfw.jobs.executor import outcomes
 
     failed: list[str] = []

@@ -143,7 +143,9 @@ def _write(folder: Path, settings: Settings, data: Capture, plan: Plan) -> Path:
     with readable_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     path = write_partition(folder, partition)
-    cells = [PlanCell(item.name, item.cell.low, item.cell.high, item.margin) for item in plan.blocks]
+    cells = [
+        PlanCell(item.name, item.cell.low, item.cell.high, item.margin) for item in plan.blocks
+    ]
     title = f"{data.recording.name}: {len(cells)} blocks"
     write_ground_plan(folder / PICTURE, GroundPlan(title, cells, plan.points, plan.cameras))
     return path

@@ -75,7 +75,7 @@ class BlocksConfig(DataManagerConfig):
             raise DataError(
                 f"{partition.path} is of the data set {source}, and there is no such file or "
                 "folder.",
-                "Say where the data set is now: datamanager.source=PATH (gsfw blocks: source=PATH)."
+                "Say where the data set is now: datamanager.source=PATH (gsfw blocks: source=PATH).",
             )
         return source
 
@@ -201,5 +201,3 @@ def _with_rows(recording: Recording, rows: np.ndarray) -> Recording:
         point_times=None if times is None else times[chosen],
         sightings=Sightings.none,  # Their rows would be others.
     )
-
-

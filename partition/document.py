@@ -187,9 +187,7 @@ def _block(fields: JsonFields) -> Block:
     cell = fields.fields("cell")
     ends = [
         [float(cell.numbers(name)) if name in cell else unbounded for name in names]
-        for names, unbounded in zip(
-            zip(*SIDES, strict=True), (-math.inf, math.inf), strict=True
-        )
+        for names, unbounded in zip(zip(*SIDES, strict=True), (-math.inf, math.inf), strict=True)
     ]
     (first_low, second_low), (first_high, second_high) = ends
     if not (first_low < first_high and second_low < second_high):

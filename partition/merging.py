@@ -126,8 +126,6 @@ def write_merged(merged: Merged, folder: Path, layer: Layer, registry: Registry)
 
 def whole_settings(layer: Layer, content: SplatFile, registry: Registry) -> Settings:
     """Settings of the merged model, which no strategy changes."""
-    values = {
-        key: value for key, value in layer.values.items() if not key.startswith("strategy.")
-    }
+    values = {key: value for key, value in layer.values.items() if not key.startswith("strategy.")}
     values |= {"strategy": "none", "sh_degree": content.splats.sh_degree}
     return resolve(registry, [Layer(COMMAND_LINE, values)])

@@ -90,7 +90,9 @@ def make_plan(data: Capture, wishes: Wishes, cache_mb: float) -> Plan:
     whole = rule.of(len(views[Split.TRAIN]), count)
     cutter = _Cutter(ground, seen, points, centers, frozenset(views[Split.TRAIN].names), rule)
     cells = cutter.cells(wishes, whole)
-    numbered = [(f"b{place:0{len(str(len(cells) - 1))}d}", cell) for place, cell in enumerate(cells)]
+    numbered = [
+        (f"b{place:0{len(str(len(cells) - 1))}d}", cell) for place, cell in enumerate(cells)
+    ]
     blocks = tuple(cutter.block(name, cell, wishes) for name, cell in numbered)
     return Plan(
         ground=ground,
@@ -163,9 +165,7 @@ class _Cutter:
         block = self.block("", cell, wishes, may_be_empty=True)
         return block.memory_mb <= wishes.memory_mb or len(block.train) < 2 * FEWEST_VIEWS
 
-    def block(
-        self, name: str, cell: Cell, wishes: Wishes, *, may_be_empty: bool = False
-    ) -> Block:
+    def block(self, name: str, cell: Cell, wishes: Wishes, *, may_be_empty: bool = False) -> Block:
         """The block of a cell.
 
         Raises:

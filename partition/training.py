@@ -95,9 +95,7 @@ class BlockTraining:
         if path.exists():
             found = read_document(path, SCHEMA, "Remove it to train all blocks anew.")
             before = found.get("settings", {})
-            changed = sorted(
-                key for key in {*now, *before} if now.get(key) != before.get(key)
-            )
+            changed = sorted(key for key in {*now, *before} if now.get(key) != before.get(key))
             if changed:
                 key = changed[0]
                 raise ConfigError(

@@ -21,8 +21,9 @@ from gsfw.datamanagers.frames import Frame
 
 MOST_POINTS = 50_000
 """Points that are projected at most, evenly chosen: shares of them are exact to a fraction."""
-TILES = 24
-"""Rectangles along the longer side of an image, in each of which the nearest point hides others."""
+TILES, POINTS = 24, 8
+"""Rectangles along the longer side of an image, in each of which the nearest point hides others: as
+many at most, and so few that about ``POINTS`` fall into each, or else a wall would have holes."""
 BEHIND = 1.2
 """Factor of the depth of the nearest point of a rectangle from which on points are hidden: the
 ground of a rectangle is not all at one depth."""
@@ -91,7 +92,7 @@ def _seen_by(frame: Frame, places: Float64[np.ndarray, "q 3"]) -> Int64[np.ndarr
     if not len(rows):
         return rows
     rows = rows[depths[rows] > NEAR * np.median(depths[rows])]
-    side = max(size) / TILES
+    side = max(size) / np.clip(np.sqrt(len(rows) / POINTS), 1, TILES)
     columns = int(np.ceil(size[0] / side))
     tiles = (across[rows, 1] // side).astype(np.int64) * columns
     tiles += (across[rows, 0] // side).astype(np.int64)
