@@ -67,7 +67,8 @@ def ground_plan_figure(plan: GroundPlan) -> Figure:
                 tuple(outer[0]), *(outer[1] - outer[0]), fill=False, ec=color, lw=0.6, ls="--"
             )
         )
-        axes.text(*((start + end) / 2), cell.name, color=color, ha="center", va="center")
+        x, y = (start + end) / 2
+        axes.text(x, y, cell.name, color=color, ha="center", va="center")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     return figure

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile

@@ -75,7 +75,7 @@ class BlocksConfig(DataManagerConfig):
             raise DataError(
                 f"{partition.path} is of the data set {source}, and there is no such file or "
                 "folder.",
-                "Say where the data set is now: datamanager.source=PATH (gsfw blocks: source=PATH).",
+                "Say where it is now: datamanager.source=PATH (gsfw blocks: source=PATH).",
             )
         return source
 
@@ -90,7 +90,7 @@ def source_config(partition: Partition) -> CaptureConfig:
     spec = installed().find("datamanager", partition.datamanager)
     config = check_source(load("datamanager", spec)(), partition.datamanager)
     known = {item.name: getattr(config, item.name) for item in fields(config)}
-    values = {}
+    values: dict[str, Any] = {}
     for name, value in partition.settings.items():
         found = tuple(value) if isinstance(value, list) else value
         if name not in known or not _is_alike(found, known[name]):

@@ -36,7 +36,8 @@ class Cell:
             margin: distance by which each side is moved outwards, in units of the data.
         """
         low, high = np.array(self.low) - margin, np.array(self.high) + margin
-        return ((places >= low) & (places < high)).all(axis=1)
+        inside = (places >= low) & (places < high)
+        return inside[:, 0] & inside[:, 1]
 
     def split(self, axis: int, place: float) -> tuple[Cell, Cell]:
         """Both sides of a border."""

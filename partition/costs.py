@@ -9,9 +9,9 @@ from gsfw.core.errors import ConfigError
 from gsfw.planning.costs import GAUSSIANS_PER_PIXEL
 
 ROW_BYTES = 2100
-"""Memory of a Gaussian in training, at its peak: 59 numbers with gradient and two moments in float32
-are 944 bytes; the rest are the buffers of a step and of the files at the end. Measured on the CPU:
-peaks of 460 MB with 50,000 Gaussians and 1092 MB with 350,000 (built-in scene at 160x120)."""
+"""Memory of a Gaussian in training, at its peak: 59 numbers with gradient and two moments are 944
+bytes; the rest are the buffers of a step and of the files at the end. Measured on the CPU: peaks of
+460 MB with 50,000 Gaussians and 1092 MB with 350,000 (built-in scene at 160x120, 12 steps)."""
 BASE_MB = 350.0
 """Memory of a training process without Gaussians and images. By the same measurement."""
 POINT_BYTES = 48

@@ -37,7 +37,7 @@ class Wishes:
     memory_mb: float = 8000.0
     """Memory that one training may take."""
     margin: float = 0.15
-    """Distance around a cell that its block sees as its own, in parts of the cell's shorter side."""
+    """Distance around a cell that its block is trained on too, in parts of its shorter side."""
     share: float = 0.15
     """Part of the points that a view sees which a block's cell has to hold for the view to be
     trained on there. VastGaussian takes 0.25 of the image's area, of a box with air above."""

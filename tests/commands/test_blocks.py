@@ -5,13 +5,13 @@ import torch
 from support.street import write_street
 
 from gsfw.commands.main import main
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.model_file import read_model_file
 from gsfw.formats.ply import PlyImporter
 from gsfw.partition.document import read_partition
 from gsfw.partition.merging import own_rows, run_splats
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
-from gsfw.core.loop.run_folder import RunFolder
 
 SHORT = ("steps=6", "coarse.steps=4", "coarse.points=100", "report=false")
 

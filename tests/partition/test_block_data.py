@@ -81,7 +81,7 @@ def test_a_data_set_without_some_of_its_views_is_refused(cut, tmp_path):
 
 
 def test_an_unknown_block_is_refused_with_the_known_ones(cut):
-    with pytest.raises(DataError, match="no block 'b7'.\nBlocks: b0, b1."):
+    with pytest.raises(DataError, match=r"no block 'b7'\.\nBlocks: b0, b1\."):
         BlocksConfig(block="b7").build(DataRequest(cut))
 
 
