@@ -15,7 +15,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
                 *("data", "prepare", "settings", "minutes", "run-outputs", "viewer", "render"),
                 *("report", "terminal", "moving-scenes", "dense-start", "growth"),
                 *("requirements", "formats", "web", "edit", "mesh", "model-file", "python"),
-                *("existing-code", "studies", "benchmarks", "cuda", "gpu"),
+                *("existing-code", "studies", "many-machines", "benchmarks", "cuda", "gpu"),
             ),
         ),
         "explain": (
