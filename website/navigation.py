@@ -13,7 +13,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
             "Guides",
             (
                 *("data", "prepare", "settings", "minutes", "run-outputs", "viewer", "render"),
-                *("report", "terminal", "moving-scenes", "dense-start", "growth"),
+                *("report", "terminal", "moving-scenes", "large-scenes", "dense-start", "growth"),
                 *("requirements", "formats", "web", "edit", "mesh", "model-file", "python"),
                 *("existing-code", "studies", "many-machines", "benchmarks", "cuda", "gpu"),
             ),
