@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
 from gsfw.core.errors import ConfigError, OutputError
@@ -14,6 +14,7 @@ from gsfw.core.progress import stage
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.datamanagers.capture import Capture
+    from gsfw.partition.document import Block
     from gsfw.partition.plan import Plan, Wishes
     from gsfw.plugins.settings import Settings
 
@@ -75,7 +76,7 @@ def run(tokens: list[str]) -> int:
 
 
 def _wishes(options: PartitionOptions) -> Wishes:
-    """What the user asks for.
+    """The wishes of the user.
 
     Raises:
         ConfigError: a value is out of range.
@@ -190,16 +191,18 @@ def _tell(console: Console, plan: Plan, wishes: Wishes, path: Path) -> None:
             "whole": {"gaussians": whole.gaussians, "memory_mb": whole.memory_mb},
             "by_tracks": plan.by_tracks,
             "too_large": [block.name for block in large],
-            "blocks": [
-                {
-                    "name": block.name,
-                    "views": len(block.train),
-                    "held_out": len(block.evaluation),
-                    "points": block.points,
-                    "gaussians": block.gaussians,
-                    "memory_mb": block.memory_mb,
-                }
-                for block in plan.blocks
-            ],
+            "blocks": [_block_document(block) for block in plan.blocks],
         }
     )
+
+
+def _block_document(block: Block) -> dict[str, Any]:
+    """Plain data of a block for programs."""
+    return {
+        "name": block.name,
+        "views": len(block.train),
+        "held_out": len(block.evaluation),
+        "points": block.points,
+        "gaussians": block.gaussians,
+        "memory_mb": block.memory_mb,
+    }

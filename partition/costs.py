@@ -21,7 +21,7 @@ UNITS = {"KB": 1e-3, "MB": 1.0, "GB": 1e3, "TB": 1e6}
 
 @dataclass(frozen=True)
 class Costs:
-    """What a part of a scene will need."""
+    """The needs of a part of a scene."""
 
     gaussians: int
     memory_mb: float

@@ -30,7 +30,7 @@ LEAST_POINTS = 10
 
 @dataclass(frozen=True)
 class Wishes:
-    """What the user asks of a partition."""
+    """The user's wishes for a partition."""
 
     blocks: str = "auto"
     """auto, a number, or AxB."""

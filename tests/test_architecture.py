@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "charts": {"gsfw.core", "gsfw.charts"},
     "partition": {
         *("gsfw.charts", "gsfw.core", "gsfw.datamanagers", "gsfw.formats", "gsfw.partition"),
-        *("gsfw.planning", "gsfw.plugins"),
+        *("gsfw.jobs", "gsfw.planning", "gsfw.plugins"),
     },
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
