@@ -72,10 +72,7 @@ OWN = (*(item.name for item in fields(BlocksOptions)), "help", "ray", "job")
 
 def run(tokens: list[str]) -> int:
     """Train what is not trained yet, and merge."""
-    arguments = parse(tokens)
-    own = [f"{key}={text}" for key, text in arguments.pairs if key.partition(".")[0] in OWN]
-    options = read_options("blocks", BlocksOptions, [*own, *arguments.words])
-    given = {key: text for key, text in arguments.pairs if key.partition(".")[0] not in OWN}
+    options, given = read(tokens)
     _check(options, given)
     with stage("loading torch and reading settings"):
         training = _training(options, given)
@@ -104,6 +101,15 @@ def run(tokens: list[str]) -> int:
             console.result({"failed": failed, "files": []})
             return FAILED
         return _merge(training, console)
+
+
+def read(tokens: list[str]) -> tuple[BlocksOptions, dict[str, str]]:
+    """The options of this verb, and the settings of the blocks."""
+    arguments = parse(tokens)
+    own = [f"{key}={text}" for key, text in arguments.pairs if key.partition(".")[0] in OWN]
+    options = read_options("blocks", BlocksOptions, [*own, *arguments.words])
+    given = {key: text for key, text in arguments.pairs if key.partition(".")[0] not in OWN}
+    return options, given
 
 
 def _check(options: BlocksOptions, given: dict[str, str]) -> None:

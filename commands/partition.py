@@ -52,11 +52,8 @@ class PartitionOptions(Options):
 
 def run(tokens: list[str]) -> int:
     """Cut a data set, and print the blocks."""
-    arguments = parse(tokens)
-    own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
-    options = read_options("partition", PartitionOptions, [*own, *arguments.words])
+    options, given = read(tokens)
     wishes = _wishes(options)
-    given = {key: text for key, text in arguments.pairs if key not in OWN}
     with stage("loading torch and reading settings"):
         settings = _settings(options, given)
 
@@ -73,6 +70,14 @@ def run(tokens: list[str]) -> int:
         data.close()
     _tell(console, plan, wishes, path)
     return 0
+
+
+def read(tokens: list[str]) -> tuple[PartitionOptions, dict[str, str]]:
+    """The options of this verb, and the settings of the data."""
+    arguments = parse(tokens)
+    own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
+    options = read_options("partition", PartitionOptions, [*own, *arguments.words])
+    return options, {key: text for key, text in arguments.pairs if key not in OWN}
 
 
 def _wishes(options: PartitionOptions) -> Wishes:
