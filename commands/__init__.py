@@ -10,6 +10,14 @@ def gsfw_commands() -> list[Spec]:
     """The built-in verbs."""
     return [
         Spec("prepare", "make a data set of photos or video", "gsfw.commands.prepare:run"),
+        Spec(
+            "partition",
+            "cut a data set that is too large for one training into blocks",
+            "gsfw.commands.partition:run",
+        ),
+        Spec(
+            "blocks", "train the blocks of a partition, and merge them", "gsfw.commands.blocks:run"
+        ),
         Spec("train", "train a method on a data set", "gsfw.commands.train:run"),
         Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile
@@ -61,12 +60,18 @@ class PlyExporter(Exporter):
     every tool reads; or brush: that of Brush, without normals, 12 bytes a splat less, for Brush and
     for tools that read properties by their names."""
 
+    positions: Literal["float", "double"] = "float"
+    """Type of the positions: float, which every tool reads; or double, which keeps georeferenced
+    coordinates of millions of metres exactly, for gsfw and for tools that heed the type."""
+
     def __post_init__(self) -> None:
         """Check the options.
 
         Raises:
-            ConfigError: there is no such order.
+            ConfigError: there is no such order, or no such type.
         """
+        if self.positions not in ("float", "double"):
+            raise ConfigError(f"format.positions={self.positions}: expected float or double.")
         if self.order not in ORDERS:
             raise ConfigError(f"format.order={self.order}: expected {' or '.join(ORDERS)}.")
 
@@ -87,10 +92,11 @@ class PlyExporter(Exporter):
     def _header(self, content: SplatFile, degree: int) -> bytes:
         counts = {"rest": REST_COUNTS[degree]}
         names = [name for key in ORDERS[self.order] for name in COLUMNS[key][: counts.get(key)]]
-        vertices = (len(content.splats), [("float", name) for name in names])
+        kinds = [(self.positions if name in MEANS else "float", name) for name in names]
+        vertices = (len(content.splats), kinds)
         return ply_header(splat_comments(content, degree), {"vertex": vertices})
 
-    def _records(self, part: StoredRows) -> Float[np.ndarray, "n properties"]:
+    def _records(self, part: StoredRows) -> np.ndarray:
         """The records of some splats, in the order of the header."""
         count = len(part)
         parts = {
@@ -103,7 +109,13 @@ class PlyExporter(Exporter):
             "quats": part.quats,
         }
         columns = [parts[key] for key in ORDERS[self.order]]
-        return np.concatenate(columns, axis=1, dtype="<f4", casting="same_kind")
+        if self.positions == "float":
+            return np.concatenate(columns, axis=1, dtype="<f4", casting="same_kind")
+        assert ORDERS[self.order][0] == "means"
+        rest = np.concatenate(columns[1:], axis=1, dtype="<f4", casting="same_kind")
+        records = np.empty(count, [("means", "<f8", 3), ("rest", "<f4", rest.shape[1])])
+        records["means"], records["rest"] = part.means, rest
+        return records
 
 
 def splat_comments(content: SplatFile, degree: int) -> list[str]:

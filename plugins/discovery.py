@@ -35,6 +35,7 @@ BUILTIN = (
     "gsfw.kernels",
     "gsfw.lod",
     "gsfw.methods",
+    "gsfw.partition",
     "gsfw.rasterizers",
     "gsfw.samplers",
     "gsfw.strategies",

@@ -23,6 +23,10 @@ MAY_IMPORT = {
     "samplers": {"gsfw.core", "gsfw.samplers", SPECS},
     "callbacks": {"gsfw.core", "gsfw.callbacks", "gsfw.charts", SPECS},
     "charts": {"gsfw.core", "gsfw.charts"},
+    "partition": {
+        *("gsfw.charts", "gsfw.core", "gsfw.datamanagers", "gsfw.formats", "gsfw.partition"),
+        *("gsfw.jobs", "gsfw.planning", "gsfw.plugins"),
+    },
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "parallel": {"gsfw.core", "gsfw.parallel"},

@@ -25,6 +25,14 @@ UNEXPECTED = 1
 INTERRUPTED = 130
 """Exit codes; errors of the user have 2."""
 
+OUT_OF_MEMORY = (
+    "there is no memory left, on this machine or below the limit of this process.",
+    "Shrink the images (downscale=2), keep fewer of them decoded (cache_mb=200), or limit the "
+    "number of Gaussians (strategy=mcmc strategy.cap_max=200000). A scene that fits nowhere is "
+    "trained in blocks: gsfw partition DATA out=DIR.",
+)
+"""Message and advice where the main memory is full."""
+
 
 class RecordedError(Exception):
     """An unexpected error whose traceback is already in a file."""
@@ -71,6 +79,9 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     if isinstance(error, UserError):
         _tell(console, error.message, error.advice)
         return error.exit_code
+    if is_out_of_memory(error):
+        _tell(console, *OUT_OF_MEMORY)
+        return UNEXPECTED
     if isinstance(error, RecordedError):
         path, cause = error.path, error.__cause__ or error
     else:
@@ -83,6 +94,17 @@ def report(error: Exception, console: Console, debug: bool) -> int:
         f"The traceback is in {path}{'' if debug else '; debug=true shows it here'}. {bug}",
     )
     return UNEXPECTED
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """True if main memory could not be allocated; torch says so in a RuntimeError."""
+    found: BaseException | None = error
+    while found is not None:
+        refused = isinstance(found, RuntimeError) and "can't allocate memory" in str(found)
+        if isinstance(found, MemoryError) or refused:
+            return True
+        found = found.__cause__ or found.__context__
+    return False
 
 
 def _culprit(error: BaseException) -> tuple[str, str]:

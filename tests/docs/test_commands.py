@@ -39,7 +39,13 @@ OWN = {"method=my-method": "method=3dgs"}
 CONFIGS = ("RUN/config.yaml", "runs/x/config.yaml", "runs/first/config.yaml")
 """Names of files of settings."""
 
-WORDS = {"check": ["DIR"], "prepare": ["photos"], "convert": ["splats.ply", "splats.spz"]}
+WORDS = {
+    "blocks": ["city"],
+    "check": ["DIR"],
+    "convert": ["splats.ply", "splats.spz"],
+    "partition": ["DIR"],
+    "prepare": ["photos"],
+}
 """Words that a verb needs."""
 
 OF_A_RUN = ("eval", "export", "open", "render", "report", "resume", "view")
@@ -61,6 +67,8 @@ def places(tmp_path_factory):
         (folder / name).mkdir(parents=True)
         write_transforms(folder / name / "transforms.json", capture)
         write_images(folder / name / "images", capture)
+    (folder / "city").mkdir()
+    (folder / "city" / "partition.json").write_text("{}")
     for name in CONFIGS:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("method: 3dgs\n")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gsfw.commands import check, prepare, resume
+from gsfw.commands import blocks, check, partition, prepare, resume
 from gsfw.commands.interface.arguments import (
     HelpRequested,
     Options,
@@ -52,8 +52,8 @@ def read_command(words: Sequence[str]) -> None:
             _read_check(tokens)
         case "resume":
             resume._changed(parse(tokens))
-        case "tradeoff":
-            _read_tradeoff(tokens)
+        case "tradeoff" | "blocks" | "partition":
+            _read_both(name, tokens)
         case "export" | "convert" | "edit":
             _read_with_format(spec, tokens)
         case "open":
@@ -94,6 +94,15 @@ def _read_check(tokens: Sequence[str]) -> None:
     given = [(key, text) for key, text in arguments.pairs if key not in check.OWN]
     options = read_options("check", check.CheckOptions, [*own, *arguments.words])
     check._settings(options, given)
+
+
+def _read_both(name: str, tokens: Sequence[str]) -> None:
+    """Read the options of a verb, and the settings of its trainings."""
+    if name == "tradeoff":
+        _read_tradeoff(tokens)
+        return
+    _, given = {"blocks": blocks, "partition": partition}[name].read(list(tokens))
+    _read_settings(["method=3dgs", *(f"{key}={text}" for key, text in given.items())])
 
 
 def _read_tradeoff(tokens: Sequence[str]) -> None:

@@ -1,0 +1,213 @@
+"""`gsfw partition`: cuts a data set into blocks that are trained one after another."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
+from gsfw.core.errors import ConfigError, OutputError
+from gsfw.core.progress import stage
+
+if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
+    from gsfw.datamanagers.capture import Capture
+    from gsfw.partition.document import Block
+    from gsfw.partition.plan import Plan, Wishes
+    from gsfw.plugins.settings import Settings
+
+OWN = ("out", "blocks", "memory", "margin", "share", *FLAGS)
+"""Keys of this verb; all others are those of ``gsfw train``, for the reading of the data."""
+PICTURE = "partition.png"
+
+
+@dataclass(kw_only=True)
+class PartitionOptions(Options):
+    """Cut a data set that is too large for one training into blocks; copies nothing.
+
+    Besides the keys below it takes those of gsfw train that concern data: datamanager.masks,
+    downscale, holdout_every, ... Next: gsfw blocks DIR.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw partition path/to/city out=city memory=16GB",
+        "gsfw partition path/to/city out=city blocks=3x2",
+    )
+
+    what: str = positional("DATA")
+    """The data set."""
+    out: str = ""
+    """A new folder for partition.json, a picture of it, and later the trained blocks."""
+    blocks: str = "auto"
+    """auto (as many as memory asks for), a number, or AxB along the two axes of the ground."""
+    memory: str = "8GB"
+    """Memory that the training of one block may take."""
+    margin: float = 0.15
+    """Distance around a block's cell that it is trained on too, in parts of the shorter side."""
+    share: float = 0.15
+    """Part of what a view sees that a block has to hold for the view to be trained on there."""
+
+
+def run(tokens: list[str]) -> int:
+    """Cut a data set, and print the blocks."""
+    options, given = read(tokens)
+    wishes = _wishes(options)
+    with stage("loading torch and reading settings"):
+        settings = _settings(options, given)
+
+    from gsfw.commands.interface.console import Console
+
+    console = Console(options.json)
+    data = _open(settings)
+    try:
+        from gsfw.partition.plan import make_plan
+
+        plan = make_plan(data, wishes, settings.config.cache_mb)
+        path = _write(Path(options.out), settings, data, plan)
+    finally:
+        data.close()
+    _tell(console, plan, wishes, path)
+    return 0
+
+
+def read(tokens: list[str]) -> tuple[PartitionOptions, dict[str, str]]:
+    """The options of this verb, and the settings of the data."""
+    arguments = parse(tokens)
+    own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
+    options = read_options("partition", PartitionOptions, [*own, *arguments.words])
+    return options, {key: text for key, text in arguments.pairs if key not in OWN}
+
+
+def _wishes(options: PartitionOptions) -> Wishes:
+    """The wishes of the user.
+
+    Raises:
+        ConfigError: a value is out of range.
+        OutputError: the folder exists.
+    """
+    from gsfw.partition.costs import megabytes
+    from gsfw.partition.plan import Wishes
+
+    if not options.out:
+        raise ConfigError("gsfw partition: out is missing.", "Write out=DIR, a new folder.")
+    folder = Path(options.out)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(
+            f"out={options.out}: it exists and is not empty.", "Choose a new folder with out=DIR."
+        )
+    if not 0 <= options.margin <= 2:
+        raise ConfigError(f"margin={options.margin:g}: expected a number from 0 to 2.")
+    if not 0 < options.share <= 1 or math.isnan(options.share):
+        raise ConfigError(f"share={options.share:g}: expected a number above 0, up to 1.")
+    return Wishes(options.blocks, megabytes(options.memory), options.margin, options.share)
+
+
+def _settings(options: PartitionOptions, given: dict[str, str]) -> Settings:
+    from gsfw.plugins.registry import installed
+    from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+
+    values = {"method": "3dgs", **given, "data": options.what}
+    return resolve(installed(), [Layer(COMMAND_LINE, values)])
+
+
+def _open(settings: Settings) -> Capture:
+    """Open the data set.
+
+    Raises:
+        ConfigError: its format has no frames to choose among.
+        DataError: it cannot be used.
+    """
+    from gsfw.datamanagers.capture import Capture
+    from gsfw.partition.block_data import check_source
+    from gsfw.plugins.opening import open_data
+
+    check_source(settings.config.datamanager, settings.choices["datamanager"].name)
+    data = open_data(settings)
+    assert isinstance(data, Capture)
+    return data
+
+
+def _write(folder: Path, settings: Settings, data: Capture, plan: Plan) -> Path:
+    """Write partition.json and its picture; the path of the first."""
+    from gsfw.charts.ground_plan import GroundPlan, PlanCell, write_ground_plan
+    from gsfw.core.files.atomic import readable_write_errors
+    from gsfw.partition.block_data import changed_settings, check_source
+    from gsfw.partition.document import Partition, write_partition
+
+    name = settings.choices["datamanager"].name
+    partition = Partition(
+        data=Path(settings.config.data),
+        datamanager=name,
+        settings=changed_settings(check_source(settings.config.datamanager, name)),
+        ground=plan.ground,
+        held_out=plan.held_out,
+        held_out_by=plan.held_out_by,
+        blocks=plan.blocks,
+    )
+    with readable_write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    path = write_partition(folder, partition)
+    cells = [
+        PlanCell(item.name, item.cell.low, item.cell.high, item.margin) for item in plan.blocks
+    ]
+    title = f"{data.recording.name}: {len(cells)} blocks"
+    write_ground_plan(folder / PICTURE, GroundPlan(title, cells, plan.points, plan.cameras))
+    return path
+
+
+def _tell(console: Console, plan: Plan, wishes: Wishes, path: Path) -> None:
+    """Print the blocks, and what does not fit."""
+    from gsfw.partition.plan import size
+
+    rows = [
+        [
+            *(block.name, str(len(block.train)), str(len(block.evaluation))),
+            *(f"{block.points:,}", f"{block.gaussians:,}", size(block.memory_mb)),
+        ]
+        for block in plan.blocks
+    ]
+    heads = ["block", "views", "held out", "points", "Gaussians (about)", "memory (about)"]
+    console.table(heads, rows)
+    how = "the tracks of the reconstruction" if plan.by_tracks else "projected points"
+    console.say(f"views see what {how} say")
+    whole = plan.whole
+    if whole.memory_mb > wishes.memory_mb:
+        console.say(
+            f"In one piece the scene would need about {size(whole.memory_mb)} for "
+            f"{whole.gaussians:,} Gaussians, more than memory={size(wishes.memory_mb)}."
+        )
+    else:
+        console.say(
+            f"In one piece the scene would need about {size(whole.memory_mb)}, which fits into "
+            f"memory={size(wishes.memory_mb)}: gsfw train would do."
+        )
+    large = [block for block in plan.blocks if block.memory_mb > wishes.memory_mb]
+    for block in large:
+        console.warn(
+            f"block {block.name} needs about {size(block.memory_mb)}, more than "
+            f"memory={size(wishes.memory_mb)}. Give more blocks, or downscale=2."
+        )
+    console.say(f"written: {path}, {PICTURE}\nNext: gsfw blocks {path.parent}")
+    console.result(
+        {
+            "partition": str(path),
+            "whole": {"gaussians": whole.gaussians, "memory_mb": whole.memory_mb},
+            "by_tracks": plan.by_tracks,
+            "too_large": [block.name for block in large],
+            "blocks": [_block_document(block) for block in plan.blocks],
+        }
+    )
+
+
+def _block_document(block: Block) -> dict[str, Any]:
+    """Plain data of a block for programs."""
+    return {
+        "name": block.name,
+        "views": len(block.train),
+        "held_out": len(block.evaluation),
+        "points": block.points,
+        "gaussians": block.gaussians,
+        "memory_mb": block.memory_mb,
+    }
