@@ -36,6 +36,8 @@ AUTO = "auto"
 """Value of a setting that gsfw chooses itself."""
 DENSE = "dense"
 """Value of ``init`` for points that stereo finds in the images."""
+NO_BUDGET = "none"
+"""The choice of no budget: the strategy alone limits the number of Gaussians."""
 INIT_WORDS = (AUTO, "points", "random", DENSE)
 """Values of ``init`` that are not a file."""
 
@@ -102,10 +104,6 @@ class SlotConfig:
         from gsfw.core.capabilities import Needs
 
         return Needs()
-
-
-NO_BUDGET = "none"
-"""The choice of no budget: the strategy alone limits the number of Gaussians."""
 
 
 @dataclass

@@ -15,8 +15,8 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
                 *("data", "remote-data", "prepare", "settings", "minutes", "run-outputs"),
                 *("viewer", "render", "report", "terminal", "moving-scenes", "dense-start"),
                 *("growth", "requirements", "formats", "level-of-detail", "web", "edit", "mesh"),
-                *("model-file", "python", "existing-code", "studies", "many-machines", "large-scenes"),
-                *("benchmarks", "cuda", "gpu"),
+                *("model-file", "python", "existing-code", "studies", "many-machines"),
+                *("large-scenes", "benchmarks", "cuda", "gpu"),
             ),
         ),
         "explain": (
