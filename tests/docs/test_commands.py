@@ -53,7 +53,7 @@ OF_A_RUN = ("eval", "export", "open", "render", "report", "resume", "view")
 
 OTHERS = {
     ".", "apt-get", "benchmarks/gpu.sh", "cd", "conda", "git", "mypy", "pip", "pytest", "python",
-    "python3", "ray", "ruff", "tensorboard",
+    "python3", "ray", "torchrun", "ruff", "tensorboard",
 }  # fmt: skip
 """Other programs that documents may name."""
 
