@@ -97,7 +97,7 @@ def test_keys_of_training_are_offered_for_training_that_follows_a_preparation(ba
     following = "gsfw prepare photos train=true method=3dgs strategy=mcmc "
     assert bash(f"{following}strategy.cap") == ["strategy.cap_max="]
     assert "fast" in bash(f"{following}preset=")
-    assert bash("gsfw prepare photos train=true dat") == ["datamanager="]
+    assert bash("gsfw prepare photos train=true datam") == ["datamanager="]
 
 
 def test_a_key_that_is_given_is_not_offered_again(bash):

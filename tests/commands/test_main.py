@@ -65,9 +65,8 @@ def test_an_unknown_verb_suggests_the_nearest():
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == (
         "error: gsfw has no verb 'trian'. Did you mean 'train'?\n"
-        "Verbs: bench, check, completion, config, convert, doctor, edit, eval, export, info, new, "
-        "open, "
-        "plugins, prepare, render, report, resume, runs, stress, study, tradeoff, train, view. "
+        "Verbs: bench, blocks, check, completion, config, convert, doctor, edit, eval, export, "
+        "info, new, open, partition, plugins, prepare, render, report, resume, runs, stress, study, tradeoff, train, view. "
         "See gsfw --help.\n"
     )
 
