@@ -16,7 +16,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
                 *("viewer", "render", "report", "terminal", "moving-scenes", "dense-start"),
                 *("growth", "requirements", "formats", "level-of-detail", "web", "edit", "mesh"),
                 *("model-file", "python", "existing-code", "studies", "many-machines"),
-                *("large-scenes", "benchmarks", "cuda", "gpu"),
+                *("large-scenes", "very-large-scenes", "benchmarks", "cuda", "gpu"),
             ),
         ),
         "explain": (
