@@ -37,7 +37,8 @@ FAILURE = 10_000 * 3600.0
 RESTART, DISK = 300.0, 1e9
 """Seconds to start again, and bytes per second to write a checkpoint: assumptions."""
 SMALL_BLOCK = 4e6
-"""Rows of a small block: its time for rows is about as long as that for a view."""
+"""Rows of a small block, some ten times as many as a view sees: views of far smaller ones would
+belong to more blocks than the margin says."""
 MERGING_BYTES = 2 * formulas.ROW_NUMBERS * formulas.FLOAT
 """Bytes of a Gaussian while blocks are merged, at least: those of the blocks, and the whole."""
 
