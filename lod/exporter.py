@@ -20,7 +20,7 @@ class LodExporter(Exporter):
 
         Raises:
             OutputError: it cannot be written.
-            ValueError: there are no splats, or a value is not finite; names the row.
+            ValueError: there are no splats, or a value is not finite, or out of range.
         """
         content = source.splat_file()
         splats = content.splats
@@ -31,6 +31,8 @@ class LodExporter(Exporter):
             raise ValueError(f"row {int((~held).nonzero()[0])} has a value that is not finite")
         origin = splats.means.double().median(dim=0).values
         tree = build(replace(splats, means=splats.means - origin))
+        if not bool(tree.all_nodes.sound().all() and tree.all_places.isfinite().all()):
+            raise ValueError("there are opacities out of [0, 1], or splats too far out for float32")
         x, y, z = origin.tolist()
         header = Header(tree.count, tree.sh_degree, (x, y, z), content.antialiased, content.up)
         write_tree(path, tree, header)

@@ -9,7 +9,6 @@ the order of the nodes' numbers. A chunk is 1024 nodes of either.
 from __future__ import annotations
 
 import json
-import os
 from collections import OrderedDict
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +22,10 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.reading import readable
+from gsfw.core.maths.axes import stated_axis
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
+from gsfw.formats.json_fields import JsonFields
 from gsfw.lod.nodes import BYTES, PLACE, VALUES, Nodes, Tree, TreeInMemory
 
 MAGIC = b"GSFWLOD1"
@@ -33,6 +36,10 @@ PART = 1 << 16
 """Nodes that are written at once."""
 MOST_HEADER = 1 << 16
 """Bytes of the longest header: a damaged length is no reason to reserve memory."""
+FARTHEST = float(np.finfo(np.float32).max)
+"""Largest coordinate of an origin: positions in the world have to fit into float32."""
+AGAIN = "Copy it again, or write it again: gsfw export RUN format=lod"
+"""The advice where a file is damaged."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,7 @@ class TreeFile(Tree):
             raise DataError(
                 f"{path} has {path.stat().st_size:,} bytes, and its header announces "
                 f"{expected:,}: it is cut off, or damaged.",
-                "Copy it again, or write it again: gsfw export RUN format=lod",
+                AGAIN,
             )
         self._held: OrderedDict[tuple[int, int], np.ndarray[Any, Any]] = OrderedDict()
         self._lock = Lock()
@@ -106,16 +113,11 @@ class TreeFile(Tree):
 
     def places(self, numbers: Int[Tensor, " m"]) -> Float32[Tensor, "m 8"]:
         """Read those that are not held."""
-        return torch.from_numpy(self._rows(0, numbers).view("<f4").astype(np.float32, copy=False))
+        return _places(self._rows(0, numbers))
 
     def nodes(self, numbers: Int[Tensor, " m"]) -> Nodes:
         """Read those that are not held."""
-        rows = self._rows(1, numbers)
-        split = VALUES * BYTES
-        values = np.ascontiguousarray(rows[:, :split]).view("<f4").astype(np.float32, copy=False)
-        rest = np.ascontiguousarray(rows[:, split:])
-        halves = rest.view("<f2").astype(np.float16, copy=False).reshape(len(rows), -1)
-        return Nodes(torch.from_numpy(values), torch.from_numpy(halves))
+        return _nodes(self._rows(1, numbers))
 
     def _rows(self, section: int, numbers: Int[Tensor, " m"]) -> UInt8[np.ndarray, "m b"]:
         """Rows of a section; fast for ascending numbers."""
@@ -141,16 +143,46 @@ class TreeFile(Tree):
             size = min(CHUNK, self.num_nodes - chunk * CHUNK) * width
             while self._held and self.held + size > self.memory:
                 self.held -= self._held.popitem(last=False)[1].nbytes
-            with self.path.open("rb") as file:
+            with readable(self.path), self.path.open("rb") as file:
                 file.seek(start + chunk * CHUNK * width)
-                content = file.read(size)
+                content = np.fromfile(file, np.uint8, size)
             if len(content) != size:
                 raise DataError(f"{self.path} has become shorter.", "Open it again.")
-            read = np.frombuffer(content, np.uint8).reshape(-1, width)
+            read = content.reshape(-1, width)
+            self._check(section, chunk, read)
             self._held[key] = read
             self.held, self.bytes_read = self.held + size, self.bytes_read + size
             self.most_held = max(self.most_held, self.held)
             return read
+
+    def _check(self, section: int, chunk: int, rows: UInt8[np.ndarray, "k b"]) -> None:
+        """Refuse values that no writer writes.
+
+        Raises:
+            DataError: a value is not finite, or out of range.
+        """
+        sound = _nodes(rows).sound() if section else _places(rows).isfinite().all(dim=1)
+        if not bool(sound.all()):
+            node = chunk * CHUNK + int(sound.int().argmin())
+            raise DataError(
+                f"{self.path} is damaged: node {node:,} has values that are not finite, or out of "
+                "range.",
+                AGAIN,
+            )
+
+
+def _places(rows: UInt8[np.ndarray, "m b"]) -> Float32[Tensor, "m 8"]:
+    """The places that bytes of a file hold."""
+    return torch.from_numpy(rows.view("<f4").astype(np.float32, copy=False))
+
+
+def _nodes(rows: UInt8[np.ndarray, "m b"]) -> Nodes:
+    """The Gaussians that bytes of a file hold."""
+    split = VALUES * BYTES
+    values = np.ascontiguousarray(rows[:, :split]).view("<f4").astype(np.float32, copy=False)
+    rest = np.ascontiguousarray(rows[:, split:])
+    halves = rest.view("<f2").astype(np.float16, copy=False).reshape(len(rows), -1)
+    return Nodes(torch.from_numpy(values), torch.from_numpy(halves))
 
 
 def _header(path: Path) -> tuple[Header, int]:
@@ -159,21 +191,38 @@ def _header(path: Path) -> tuple[Header, int]:
     Raises:
         DataError: it is damaged.
     """
-    advice = "Copy it again, or write it again: gsfw export RUN format=lod"
-    with path.open("rb") as file:
+    with readable(path), path.open("rb") as file:
         start = file.read(len(MAGIC) + 4)
         length = int.from_bytes(start[len(MAGIC) :], "little")
-        if start[: len(MAGIC)] != MAGIC or length > min(MOST_HEADER, os.path.getsize(path)):
-            raise DataError(f"{path} is no tree of levels of detail, or damaged.", advice)
+        if start[: len(MAGIC)] != MAGIC or length > min(MOST_HEADER, path.stat().st_size):
+            raise DataError(f"{path} is no tree of levels of detail, or damaged.", AGAIN)
         text = file.read(length)
     try:
-        given = json.loads(text)
-        x, y, z = (float(value) for value in given["origin"])
-        count, degree = int(given["count"]), int(given["sh_degree"])
-        header = Header(count, degree, (x, y, z), bool(given["antialiased"]), str(given["up"]))
-    except (ValueError, KeyError, TypeError) as error:
-        raise DataError(f"{path}: its header cannot be read: {error!r}.", advice) from error
-    if not (count >= 1 and 0 <= degree <= 4):
-        raise DataError(f"{path}: {count} Gaussians of degree {degree} cannot be.", advice)
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{path} is damaged: its header is no JSON.", AGAIN) from error
+    if not isinstance(document, dict):
+        raise DataError(f"{path} is damaged: its header is no object.", AGAIN)
     first = len(start) + length
-    return header, first + -first % ALIGNMENT
+    return _checked(JsonFields(path, "", document, AGAIN)), first + -first % ALIGNMENT
+
+
+def _checked(fields: JsonFields) -> Header:
+    """The header of a document.
+
+    Raises:
+        DataError: a value is missing, of another type, or out of range.
+    """
+    degree = fields.count("sh_degree")
+    if degree > MAX_DEGREE:
+        raise fields.refuse("sh_degree", f"a degree of at most {MAX_DEGREE}")
+    x, y, z = fields.numbers("origin", 3).tolist()
+    if max(abs(x), abs(y), abs(z)) > FARTHEST:
+        raise fields.refuse("origin", "coordinates that float32 holds")
+    return Header(
+        count=fields.count("count", least=1),
+        sh_degree=degree,
+        origin=(x, y, z),
+        antialiased=fields.flag("antialiased"),
+        up=stated_axis(fields.text("up")),
+    )

@@ -33,10 +33,7 @@ class LodImporter(Importer):
         tree = TreeFile(path, MEMORY)
         leaves = torch.arange(tree.starts[-1], tree.num_nodes)
         splats = tree.nodes(leaves).splats()
-        finite = splats.held_by_float32()
-        rows = finite.nonzero()[:, 0]
-        placed = transform_splats(splats.take(rows), world_from_tree(tree.header))
-        return splat_file(placed, tree.header, len(finite) - len(rows))
+        return splat_file(transform_splats(splats, world_from_tree(tree.header)), tree.header)
 
 
 def world_from_tree(header: Header) -> Similarity:
@@ -44,6 +41,6 @@ def world_from_tree(header: Header) -> Similarity:
     return Similarity(translation=torch.tensor(header.origin, dtype=torch.float64))
 
 
-def splat_file(splats: Splats, header: Header, num_dropped: int = 0) -> SplatFile:
+def splat_file(splats: Splats, header: Header) -> SplatFile:
     """Some splats of a tree as the content of a file."""
-    return SplatFile(splats, header.antialiased, header.up, num_dropped=num_dropped)
+    return SplatFile(splats, header.antialiased, header.up)

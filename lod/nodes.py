@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from jaxtyping import Float16, Float32, Int
+from jaxtyping import Bool, Float16, Float32, Int
 from torch import Tensor
 
 from gsfw.core.maths.spherical_harmonics import degree_of
@@ -50,6 +50,12 @@ class Nodes:
         columns = [splats.means, splats.scales, quats, splats.opacities[:, None], colors[:, 0]]
         rest = colors[:, 1:].reshape(len(splats), -1).clamp(-65000, 65000)
         return Nodes(torch.cat([column.float() for column in columns], dim=1), rest.half())
+
+    def sound(self) -> Bool[Tensor, " m"]:
+        """True for nodes whose values are finite and in their ranges."""
+        scales, opacities = self.values[:, 3:6], self.values[:, 10]
+        finite = self.values.isfinite().all(dim=1) & self.rest.isfinite().all(dim=1)
+        return finite & (scales >= 0).all(dim=1) & (opacities >= 0) & (opacities <= 1)
 
     def splats(self) -> Splats:
         """The splats, float32."""

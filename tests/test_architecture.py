@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "parallel": {"gsfw.core", "gsfw.parallel"},
-    "lod": {"gsfw.core", "gsfw.lod", SPECS},
+    "lod": {"gsfw.core", "gsfw.formats", "gsfw.lod", SPECS},
     "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.jobs", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},

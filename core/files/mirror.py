@@ -5,7 +5,8 @@ an empty file until something asks for its header; then the first bytes of all i
 fetched, in parallel. Whoever decodes an image holds it (``held``): it is fetched whole, in the
 thread that decodes ahead of use, and stays until the bound of the folder needs its room.
 
-The folder stays for the next run; what has changed at the address since is fetched again.
+The folder stays for the next run; what has changed at the address since is fetched again. Runs may
+share it at the same time: one of them makes it, and no image is cut that another reads.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import tempfile
 from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from threading import Lock
 
@@ -26,6 +27,7 @@ from PIL import Image
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.file_use import if_unused, in_turn, in_use
 from gsfw.core.files.remote import RemoteFile, RemoteSource, is_remote
 from gsfw.core.files.user_folder import cache_root
 from gsfw.core.progress import stage, tracked
@@ -33,13 +35,17 @@ from gsfw.core.words import size
 
 IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".npy", ".npz")
 """Extensions of the files that are fetched on demand: images, and maps as arrays."""
+ARRAYS = (".npy", ".npz")
+"""Those among them that are always read whole."""
 SINGLE_FILES = (".json", ".xml", ".csv")
 """Extensions of files that a data set may be named by; the folder around is the data set."""
 HEADS = (1 << 14, 1 << 17)
 """First bytes of an image that are fetched for its header; the second, should they not do."""
 CONNECTIONS = 8
 """Files that are fetched at once when a data set is opened."""
-MANIFEST = ".gsfw-remote.json"
+MANIFEST, LOCK = ".gsfw-remote.json", ".gsfw-remote.lock"
+ATTEMPTS = 10
+"""Most times that an image is fetched again because another run has cut it meanwhile."""
 MEGABYTE = 1_000_000
 SMALL = 256 * MEGABYTE
 """Bytes of files that are no images, which are fetched at once under any bound."""
@@ -122,11 +128,11 @@ class Mirror:
         self._locks: defaultdict[str, Lock] = defaultdict(Lock)
         self._in_use: Counter[str] = Counter()
         self._whole: OrderedDict[str, int] = OrderedDict()
-        self._heads: dict[str, int] = {}
         self._looked_at: set[str] = set()
         self.fetched = 0
         """Bytes that this process has fetched."""
-        self._begin()
+        with in_turn(self.path / LOCK):
+            self._begin()
 
     def _begin(self) -> None:
         """Make the folder what the address lists."""
@@ -177,7 +183,7 @@ class Mirror:
 
     def _is_whole(self, name: str) -> bool:
         place, expected = self.path / name, self._files[name].size
-        return place.is_file() and (expected is None or place.stat().st_size == expected)
+        return place.is_file() and (expected is None or place.stat().st_size >= expected)
 
     @contextmanager
     def held(self, path: Path, whole: bool) -> Iterator[None]:
@@ -189,26 +195,35 @@ class Mirror:
         with self._lock:
             self._in_use[name] += 1
         try:
-            if whole or path.suffix.lower() in (".npy", ".npz"):
-                self._need(name)
+            if whole or path.suffix.lower() in ARRAYS:
+                with self._whole_image(name):
+                    yield
             else:
                 self._look_at(name)
-            yield
+                yield
         finally:
             with self._lock:
                 self._in_use[name] -= 1
 
-    def _need(self, name: str) -> None:
-        """Fetch a whole image, unless it is there."""
+    @contextmanager
+    def _whole_image(self, name: str) -> Iterator[None]:
+        """Fetch a whole image, unless it is there; no run cuts it in the meantime."""
         with self._lock:
             own = self._locks[name]
-        with own:
-            if not self._is_whole(name):
-                self._write(name, self._source.read(self._files[name]))
-            with self._lock:
-                self._whole[name] = self._files[name].size or 0
-                self._whole.move_to_end(name)
-        self._shrink()
+        with ExitStack() as use:
+            with own:
+                for _ in range(ATTEMPTS):
+                    if not self._is_whole(name):
+                        self._write(name, self._source.read(self._files[name]))
+                    use.enter_context(in_use(self.path / name))
+                    if self._is_whole(name):
+                        break
+                    use.close()
+                with self._lock:
+                    self._whole[name] = self._files[name].size or 0
+                    self._whole.move_to_end(name)
+            self._shrink()
+            yield
 
     def _look_at(self, name: str) -> None:
         """Fetch the headers of an image and of those beside it, unless they are there."""
@@ -223,7 +238,7 @@ class Mirror:
                 for other in self._files
                 if Path(other).parent.as_posix() == folder
                 and self._is_image(other)
-                and not (self.path / other).stat().st_size
+                and not _has_header(self.path / other)
             ]
             title = f"fetching the headers of {len(beside)} images of {self._source.address}"
             for most in (*HEADS, None):
@@ -238,10 +253,18 @@ class Mirror:
         with ThreadPoolExecutor(CONNECTIONS, "gsfw-fetch") as pool:
             contents = pool.map(lambda name: self._source.read(self._files[name], most), names)
             for name, content in zip(names, tracked(contents, title, len(names)), strict=True):
-                self._write(name, content)
+                self._write(name, content, is_head=most is not None)
 
-    def _write(self, name: str, content: bytes) -> None:
-        write_atomically(self.path / name, content)
+    def _write(self, name: str, content: bytes, is_head: bool = False) -> None:
+        """Write a file, or the header of an image, unless another run has written more of it."""
+        place = self.path / name
+        with in_turn(place):
+            if is_head:
+                if place.stat().st_size < len(content):
+                    with place.open("r+b") as file:
+                        file.write(content)
+            elif self._files[name].size is None or not self._is_whole(name):
+                write_atomically(place, content)
         with self._lock:
             self.fetched += len(content)
 
@@ -254,8 +277,10 @@ class Mirror:
                     return
                 if self._in_use[name]:
                     continue
-                used -= self._whole.pop(name)
-                os.truncate(self.path / name, min(HEADS[0], self._files[name].size or 0))
+                with if_unused(self.path / name) as is_unused:
+                    if is_unused:
+                        used -= self._whole.pop(name)
+                        _cut(self.path / name)
 
     def notes(self) -> tuple[str, ...]:
         """A sentence on what was fetched, and what will be."""
@@ -268,11 +293,23 @@ class Mirror:
 
 
 def _has_header(path: Path) -> bool:
-    """True if the first bytes of an image are enough for its header."""
-    if path.suffix.lower() in (".npy", ".npz"):
-        return True
+    """True if what is there of an image is enough for its header; arrays are always read whole."""
+    return path.suffix.lower() in ARRAYS or _is_readable(path)
+
+
+def _is_readable(image: Path | io.BytesIO) -> bool:
     try:
-        with Image.open(io.BytesIO(path.read_bytes())) as image:
-            return image.width > 0
+        with Image.open(image) as header:
+            return header.width > 0
     except Exception:  # Pillow's decoders raise whatever a broken file makes them.
         return False
+
+
+def _cut(path: Path) -> None:
+    """Cut an image back to its header; an image whose header is long stays whole."""
+    with path.open("rb") as file:
+        start = file.read(HEADS[-1])
+    for length in HEADS:
+        if path.suffix.lower() in ARRAYS or _is_readable(io.BytesIO(start[:length])):
+            os.truncate(path, min(length, path.stat().st_size))
+            return

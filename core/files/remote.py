@@ -10,13 +10,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 from urllib.parse import unquote
 
 from gsfw.core.errors import DataError, UnavailableError
-
-if TYPE_CHECKING:
-    pass
 
 ATTEMPTS = 4
 """Most times that a read is tried before it fails."""

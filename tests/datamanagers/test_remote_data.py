@@ -1,6 +1,9 @@
 """Data sets at addresses: what is fetched, how much stays, and what happens where it fails."""
 
+import subprocess
+import sys
 import threading
+import zlib
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -133,6 +136,56 @@ def test_an_image_that_is_in_use_is_not_cut(in_memory):
             assert whole(place) == ["view_000.png", "view_001.png"]
         with mirror.held(place / "view_002.png", whole=True):
             assert "view_000.png" in whole(place)
+
+
+READER = """
+import sys
+from pathlib import Path
+from PIL import Image
+from gsfw.core.files.mirror import held, local_place
+
+place, scene = local_place(sys.argv[1], 1), Path(sys.argv[2])
+names = sorted(path.name for path in scene.glob("*.png"))
+for name in (names if sys.argv[3] == "up" else names[::-1]) * 10:
+    with held(place / name, whole=False), Image.open(place / name) as image:
+        assert image.size == (160, 120)
+    with held(place / name, whole=True):
+        assert (place / name).read_bytes() == (scene / name).read_bytes(), name
+"""
+
+
+def test_two_processes_share_a_folder_and_neither_cuts_what_the_other_reads(scene):
+    command = [sys.executable, "-c", READER, f"file://{scene}", str(scene)]
+    started = [subprocess.Popen([*command, way]) for way in ("up", "up", "down")]
+    assert [process.wait() for process in started] == [0, 0, 0]
+
+
+def test_an_image_that_another_run_has_cut_is_fetched_again(in_memory, scene):
+    runs = Mirror(in_memory, 1), Mirror(in_memory, 1)
+    names = [runs[0].path / f"view_{index:03}.png" for index in (0, 1)]
+    for _ in range(3):
+        for mine, other in (runs, runs[::-1]):
+            with mine.held(names[0], whole=True):
+                for path in names[::-1]:
+                    with other.held(path, whole=True):
+                        assert path.read_bytes() == (scene / path.name).read_bytes()
+                assert names[0].read_bytes() == (scene / names[0].name).read_bytes()
+
+
+def test_an_image_is_not_cut_within_its_header(in_memory, scene):
+    long = (scene / "view_000.png").read_bytes()
+    start = long[:33]  # The signature, and the chunk with the size.
+    filler = (40_000).to_bytes(4, "big") + b"teSt" + bytes(40_000)
+    filler += zlib.crc32(filler[4:]).to_bytes(4, "big")
+    fsspec.filesystem("memory").pipe("/scene/view_000.png", start + filler + long[33:])
+    found = Mirror(in_memory, 1)
+    path = found.path / "view_000.png"
+    for name in ("view_000.png", "view_001.png", "view_002.png"):
+        with found.held(found.path / name, whole=True):
+            pass
+    assert path.stat().st_size > 40_000
+    with Mirror(in_memory, 1).held(path, whole=False), Image.open(path) as image:
+        assert image.size == (WIDTH, HEIGHT)
 
 
 def test_a_web_server_is_read_and_what_is_there_is_not_fetched_again(server, scene):

@@ -20,6 +20,9 @@ FAR = torch.tensor([4.5e5, 5.2e6, 120.0], dtype=torch.float64)
 """Map coordinates."""
 
 
+NAN = b"\0\0\xc0\x7f"
+
+
 @pytest.fixture(scope="module")
 def splats():
     return random_splats(5000, 1, dtype=torch.float64)
@@ -76,11 +79,32 @@ def test_a_file_that_is_cut_off_or_damaged_is_named(written, tmp_path):
         ("short.lod", content[:-9], "cut off"),
         ("header.lod", content[:12] + b"[" + content[13:], "header"),
         ("length.lod", content[:8] + b"\xff\xff\xff\xff" + content[12:], "damaged"),
+        ("axis.lod", content.replace(b'"up": "z"', b'"up": 512'), "up of its header"),
+        ("degree.lod", content.replace(b'"sh_degree": 1', b'"sh_degree": 5'), "at most 4"),
+        ("value.lod", content[:-200] + NAN * 50, "node 10,002 has values"),
     ):
         path = tmp_path / name
         path.write_bytes(damaged)
         with pytest.raises(DataError, match=words):
             LodImporter().read(path)
+
+
+def test_a_view_of_damaged_nodes_is_refused_too(written, tmp_path):
+    content = written.read_bytes()
+    path = tmp_path / "view.lod"
+    path.write_bytes(content[:200] + NAN + content[204:-200] + NAN * 50)
+    tree = TreeFile(path, 1 << 20)
+    with pytest.raises(DataError, match="node 0 has values"):
+        select(tree, None, Limits(10))
+    tree.nodes(torch.arange(10))
+    with pytest.raises(DataError, match="node 10,002 has values"):
+        tree.nodes(torch.tensor([tree.num_nodes - 2]))
+
+
+def test_opacities_out_of_range_are_not_written(splats, tmp_path):
+    damaged = replace(splats, opacities=splats.opacities + 1)
+    with pytest.raises(ValueError, match="opacities out of"):
+        LodExporter().write(tmp_path / "x.lod", SplatFile(damaged))
 
 
 def test_splats_that_are_not_finite_are_refused(splats, tmp_path):
