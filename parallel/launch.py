@@ -12,6 +12,8 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -21,8 +23,8 @@ from torch.distributed import TCPStore  # type: ignore[attr-defined]
 from gsfw.core.cores import cores
 from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
-from gsfw.parallel.environment import world
-from gsfw.parallel.group import PATIENCE, Group, losses_named
+from gsfw.parallel.environment import patience, world
+from gsfw.parallel.group import Group, losses_named
 
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")
@@ -46,11 +48,43 @@ def connected(device: torch.device) -> Iterator[Team]:
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
     backend = "gloo" if device.type == "cpu" else "cpu:gloo,cuda:nccl"
     with losses_named():
-        dist.init_process_group(backend, timeout=PATIENCE, **options)
+        dist.init_process_group(backend, timeout=timedelta(minutes=patience()), **options)
     try:
         yield DataParallel(Group(device))
     finally:
         dist.destroy_process_group()
+
+
+def tell_launcher(folder: Path) -> None:
+    """Tell the launcher which run its processes have begun, for processes that it starts later."""
+    store = _kept_by_launcher()
+    if store is not None:
+        store.set(_key(), str(folder.resolve()))
+
+
+def run_of_launcher() -> Path | None:
+    """The run that earlier processes of this launcher have begun; ``None`` if there is none.
+
+    torchrun starts all processes again after one has ended (``--max-restarts``), or when a machine
+    has joined.
+    """
+    store = _kept_by_launcher()
+    if store is None or not store.check([_key()]):
+        return None
+    return Path(store.get(_key()).decode())
+
+
+def _kept_by_launcher() -> TCPStore | None:
+    """The store of torchrun, which outlives the processes; ``None`` under other launchers."""
+    if os.environ.get("TORCHELASTIC_USE_AGENT_STORE") != "True":
+        return None
+    port = int(os.environ["MASTER_PORT"])
+    with losses_named():
+        return TCPStore(os.environ["MASTER_ADDR"], port, is_master=False, wait_for_workers=False)
+
+
+def _key() -> str:
+    return f"gsfw/run/{os.environ.get('TORCHELASTIC_RUN_ID', '')}"
 
 
 def _threads() -> int:

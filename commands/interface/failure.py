@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
-from gsfw.core.errors import TrainingError, UserError
-from gsfw.parallel.environment import LostProcessError, is_follower, rank
+from gsfw.core.errors import UserError
+from gsfw.parallel.environment import is_follower
 from gsfw.plugins.registry import installed
 from gsfw.plugins.specs import PROJECT
 
@@ -68,11 +68,10 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
 def report(error: Exception, console: Console, debug: bool) -> int:
     """Print an error for the user; return the exit code.
 
-    Of several processes of a training the first one reports what all of them find.
+    Of several processes of a training the first one reports what all of them find. What only
+    another one finds, that one has printed already (``commands.interface.team``).
     """
     if is_follower() and isinstance(error, UserError):
-        if isinstance(error, TrainingError) and not isinstance(error, LostProcessError):
-            sys.stderr.write(f"error: process {rank()}: {error.message}\n")
         return error.exit_code
     if debug:
         traceback.print_exception(error, file=sys.stderr)
