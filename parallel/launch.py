@@ -18,12 +18,16 @@ from typing import Any
 
 import torch
 import torch.distributed as dist
-from torch.distributed import TCPStore  # type: ignore[attr-defined]
+from torch.distributed import (  # type: ignore[attr-defined]
+    PrefixStore,
+    Store,
+    TCPStore,
+)
 
 from gsfw.core.cores import cores
 from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
-from gsfw.parallel.environment import patience, world
+from gsfw.parallel.environment import patience, rank, world
 from gsfw.parallel.group import Group, losses_named
 
 LOCAL = "127.0.0.1"
@@ -38,12 +42,15 @@ def connected(device: torch.device) -> Iterator[Team]:
     Raises:
         LostProcessError: the others cannot be reached.
     """
-    if world() is None:
-        store = TCPStore(LOCAL, 0, world_size=1, is_master=True)
-        options: dict[str, Any] = {"store": store, "rank": 0, "world_size": 1}
+    size = world()
+    if size is None:
+        store: Store | None = TCPStore(LOCAL, 0, world_size=1, is_master=True)
     else:
         torch.set_num_threads(_threads())
-        options = {"init_method": "env://"}
+        store = _of_this_start(size)
+    options: dict[str, Any] = {"init_method": "env://"}
+    if store is not None:
+        options = {"store": store, "rank": rank(), "world_size": size or 1}
     if device.type == "cuda" and device.index is None:
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
     backend = "gloo" if device.type == "cpu" else "cpu:gloo,cuda:nccl"
@@ -53,6 +60,18 @@ def connected(device: torch.device) -> Iterator[Team]:
         yield DataParallel(Group(device))
     finally:
         dist.destroy_process_group()
+
+
+def _of_this_start(size: int) -> Store | None:
+    """The store of torchrun, with keys of this start of the processes; ``None`` without one.
+
+    torchrun keeps one store for all starts: under their usual keys, restarted processes may find
+    the addresses of those that have ended, and wait for them.
+    """
+    store = _kept_by_launcher()
+    if store is None:
+        return None
+    return PrefixStore(f"gsfw/start_{os.environ.get('TORCHELASTIC_RESTART_COUNT')}_{size}", store)
 
 
 def tell_launcher(folder: Path) -> None:
@@ -158,9 +177,9 @@ def _environment(rank: int, processes: int, port: int) -> dict[str, str]:
 
 def _report(codes: dict[int, int]) -> int:
     """Name the processes that were ended by a signal; return the exit code of the whole."""
-    for rank, code in sorted(codes.items()):
+    for number, code in sorted(codes.items()):
         if code < 0 and -code != signal.SIGTERM:  # SIGTERM: ended as another had failed.
             name = signal.Signals(-code).name
             cause = " (memory may have run out)" if name == "SIGKILL" else ""
-            sys.stderr.write(f"error: process {rank} was ended by {name}{cause}\n")
+            sys.stderr.write(f"error: process {number} was ended by {name}{cause}\n")
     return max(codes.get(0, 0), 0) or FAILED

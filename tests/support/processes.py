@@ -89,7 +89,9 @@ class Started:
 class Training(Started):
     """A long training of two processes that has written the checkpoint of step 20."""
 
-    def __init__(self, place: Path, folder: Path | None = None, launcher: Sequence[str] = ()) -> None:
+    def __init__(
+        self, place: Path, folder: Path | None = None, launcher: Sequence[str] = ()
+    ) -> None:
         self.folder = folder or place / "run"
         run = RunFolder(self.folder)
         train = ("train", *LONG, f"out={self.folder}")
