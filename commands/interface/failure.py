@@ -81,6 +81,7 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     if is_out_of_memory(error):
         _tell(console, *OUT_OF_MEMORY)
         return UNEXPECTED
+    path: Path | None
     if isinstance(error, RecordedError):
         path, cause = error.path, error.__cause__ or error
     else:
@@ -90,9 +91,16 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     _tell(
         console,
         f"{culprit} failed unexpectedly: {summary}",
-        f"The traceback is in {path}{'' if debug else '; debug=true shows it here'}. {bug}",
+        f"{_place(path, debug)} {bug}",
     )
     return UNEXPECTED
+
+
+def _place(path: Path | None, debug: bool) -> str:
+    """A sentence on where the traceback is."""
+    if path is None:
+        return "The traceback is above." if debug else "debug=true shows the traceback."
+    return f"The traceback is in {path}{'' if debug else '; debug=true shows it here'}."
 
 
 def is_out_of_memory(error: BaseException) -> bool:
@@ -139,10 +147,14 @@ def _missing_module(error: BaseException, owner: PluginSource) -> str:
     return f"Install {module} (pip install {module}), which {owner.noun} needs."
 
 
-def _record(error: Exception) -> Path:
-    handle, name = tempfile.mkstemp(prefix="gsfw-error-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write("".join(traceback.format_exception(error)))
+def _record(error: Exception) -> Path | None:
+    """Write the traceback of an error to a temporary file; ``None`` where the disk is full."""
+    try:
+        handle, name = tempfile.mkstemp(prefix="gsfw-error-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write("".join(traceback.format_exception(error)))
+    except OSError:
+        return None
     return Path(name)
 
 

@@ -96,14 +96,15 @@ def _own_errors_told() -> Iterator[None]:
     """Print the errors of a follower that no other process has, such as a damaged photo.
 
     Raises:
-        SystemExit: in place of such an error.
+        SystemExit: in place of such an error, or of the loss of another process.
     """
     try:
         yield
     except UserError as error:
-        # All processes find wrong settings, and the loss of another one.
-        if not is_follower() or isinstance(error, ConfigError | LostProcessError):
+        if not is_follower() or isinstance(error, ConfigError):  # All find wrong settings.
             raise
+        if isinstance(error, LostProcessError):
+            leave(error.exit_code)
         sys.stderr.write(f"error: process {rank()}: {error.message}\n{error.advice}\n")
         raise SystemExit(error.exit_code) from error
 
