@@ -123,7 +123,7 @@ def test_a_lost_machine_ends_the_training_and_the_last_checkpoint_goes_on(
     tmp_path, machines, stopped
 ):
     run = RunFolder(tmp_path / "run")
-    stopped += machines.start(tmp_path, "0.15")
+    stopped += machines.start(tmp_path, "0.25")
     stopped[0].wait_for(lambda: run.checkpoint(10).is_file())
     machines.lose_all()
     code, said = stopped[0].ended(60)
