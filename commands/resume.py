@@ -106,9 +106,6 @@ def resume_run(
         ConfigError: it is no run, or a setting is wrong.
         DataError: it cannot be restored.
     """
-    from gsfw.commands.interface.new_run import OTHERS
-    from gsfw.core.files.folder_lock import only_one
-
     if found.model_file is not None:
         raise ConfigError(
             f"{found.name} cannot go on: a model file has no optimizer and no images.",
@@ -117,10 +114,25 @@ def resume_run(
     processes, device = _asked(found, changed)
     check_started(processes)
     with joined(processes, device) as team:
-        if not team.leads:
-            return _go_on(found, changed, command, caller, began, team)
-        with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
-            return _go_on(found, changed, command, caller, began, team)
+        return resume_together(found, changed, command, caller, began, team)
+
+
+def resume_together(
+    found: RunArgument,
+    changed: Mapping[str, Any],
+    command: Sequence[str],
+    caller: Caller,
+    began: float,
+    team: Team,
+) -> int:
+    """Continue a run with a team of processes, as ``resume_run`` does."""
+    from gsfw.commands.interface.new_run import OTHERS
+    from gsfw.core.files.folder_lock import only_one
+
+    if not team.leads:
+        return _go_on(found, changed, command, caller, began, team)
+    with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
+        return _go_on(found, changed, command, caller, began, team)
 
 
 def _go_on(

@@ -14,6 +14,7 @@ from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.team import (
     console_of,
     joined,
+    run_left,
     run_workers,
     starts_workers,
     together,
@@ -27,6 +28,7 @@ from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.new_training import NewTraining
+    from gsfw.core.team import Team
     from gsfw.plugins.settings import Layer, Settings
 
 
@@ -53,13 +55,29 @@ def run(tokens: list[str]) -> int:
     from gsfw.planning.asked import spelled_out
 
     given, command = spelled_out(layers(arguments)), ["train", *tokens]
+    caller = Caller(console, run_training)
     with joined(processes, settings.config.device) as team:
+        if (left := run_left(team)) is not None:
+            return _go_on(left, processes, caller, began, team)
         new = together(team, lambda: new_training(settings, given, registry, command, began, team))
         console.say(str(new))
         if arguments.flag("dry_run"):
             return _tell_dry_run(new, time.perf_counter() - began, console)
-        code, _ = new.train(Caller(console, run_training), registry, team)
+        code, _ = new.train(caller, registry, team)
     return code
+
+
+def _go_on(run: Path, processes: int, caller: Caller, began: float, team: Team) -> int:
+    """Continue the run that earlier processes of torchrun have begun; return the exit code."""
+    from gsfw.commands.interface.runs import find_run
+    from gsfw.commands.resume import resume_together
+
+    caller.console.say(f"the processes were started again: going on with {run}")
+    changed = {"processes": str(processes)}
+    command = ["resume", str(run), f"processes={processes}"]
+    return resume_together(
+        find_run(str(run), caller.console.say), changed, command, caller, began, team
+    )
 
 
 def _tell_dry_run(new: NewTraining, seconds: float, console: Console) -> int:

@@ -6,9 +6,14 @@ torchrun and ``gsfw train processes=N`` say it in the same variables.
 from __future__ import annotations
 
 import os
+import time
 from typing import NoReturn
 
 from gsfw.core.errors import ConfigError, TrainingError
+
+LINGER = 10.0
+"""Seconds in which the first process can write its message: a launcher ends all processes as soon
+as one of them has failed."""
 
 
 class LostProcessError(TrainingError):
@@ -31,11 +36,6 @@ def is_follower() -> bool:
     return rank() > 0
 
 
-def was_restarted() -> bool:
-    """True if torchrun has started the processes again after one had ended."""
-    return world() is not None and int(os.environ.get("TORCHELASTIC_RESTART_COUNT", "0")) > 0
-
-
 def check_processes(processes: int) -> None:
     """Compare the setting with the processes of a launcher.
 
@@ -50,6 +50,25 @@ def check_processes(processes: int) -> None:
         )
 
 
+def patience() -> float:
+    """Most minutes of a wait for another process, such as for an evaluation in the first one.
+
+    Raises:
+        ConfigError: the variable ``GSFW_PATIENCE`` is no number of minutes.
+    """
+    text = os.environ.get("GSFW_PATIENCE", "30")
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = 0.0
+    if not 0 < minutes < 1e6:
+        raise ConfigError(
+            f"GSFW_PATIENCE={text} is no number of minutes.", "Give one above 0, such as 30."
+        )
+    return minutes
+
+
 def leave(code: int = 1) -> NoReturn:
-    """End a follower without a message: the first process has one."""
+    """End a follower without a message: the first process has one, and time to write it."""
+    time.sleep(LINGER)
     raise SystemExit(code)

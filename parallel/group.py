@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 from typing import TypeVar
 
 import torch
@@ -15,9 +14,6 @@ from torch import Tensor
 from gsfw.parallel.environment import LostProcessError
 
 Value = TypeVar("Value")
-
-PATIENCE = timedelta(minutes=30)
-"""Longest wait for another process, such as for an evaluation in the first one."""
 
 
 class Group:

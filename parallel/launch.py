@@ -12,17 +12,23 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import torch
 import torch.distributed as dist
-from torch.distributed import TCPStore  # type: ignore[attr-defined]
+from torch.distributed import (  # type: ignore[attr-defined]
+    PrefixStore,
+    Store,
+    TCPStore,
+)
 
 from gsfw.core.cores import cores
 from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
-from gsfw.parallel.environment import world
-from gsfw.parallel.group import PATIENCE, Group, losses_named
+from gsfw.parallel.environment import patience, rank, world
+from gsfw.parallel.group import Group, losses_named
 
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")
@@ -36,21 +42,68 @@ def connected(device: torch.device) -> Iterator[Team]:
     Raises:
         LostProcessError: the others cannot be reached.
     """
-    if world() is None:
-        store = TCPStore(LOCAL, 0, world_size=1, is_master=True)
-        options: dict[str, Any] = {"store": store, "rank": 0, "world_size": 1}
+    size = world()
+    if size is None:
+        store: Store | None = TCPStore(LOCAL, 0, world_size=1, is_master=True)
     else:
         torch.set_num_threads(_threads())
-        options = {"init_method": "env://"}
+        store = _of_this_start(size)
+    options: dict[str, Any] = {"init_method": "env://"}
+    if store is not None:
+        options = {"store": store, "rank": rank(), "world_size": size or 1}
     if device.type == "cuda" and device.index is None:
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
     backend = "gloo" if device.type == "cpu" else "cpu:gloo,cuda:nccl"
     with losses_named():
-        dist.init_process_group(backend, timeout=PATIENCE, **options)
+        dist.init_process_group(backend, timeout=timedelta(minutes=patience()), **options)
     try:
         yield DataParallel(Group(device))
     finally:
         dist.destroy_process_group()
+
+
+def _of_this_start(size: int) -> Store | None:
+    """The store of torchrun, with keys of this start of the processes; ``None`` without one.
+
+    torchrun keeps one store for all starts: under their usual keys, restarted processes may find
+    the addresses of those that have ended, and wait for them.
+    """
+    store = _kept_by_launcher()
+    if store is None:
+        return None
+    return PrefixStore(f"gsfw/start_{os.environ.get('TORCHELASTIC_RESTART_COUNT')}_{size}", store)
+
+
+def tell_launcher(folder: Path) -> None:
+    """Tell the launcher which run its processes have begun, for processes that it starts later."""
+    store = _kept_by_launcher()
+    if store is not None:
+        store.set(_key(), str(folder.resolve()))
+
+
+def run_of_launcher() -> Path | None:
+    """The run that earlier processes of this launcher have begun; ``None`` if there is none.
+
+    torchrun starts all processes again after one has ended (``--max-restarts``), or when a machine
+    has joined.
+    """
+    store = _kept_by_launcher()
+    if store is None or not store.check([_key()]):
+        return None
+    return Path(store.get(_key()).decode())
+
+
+def _kept_by_launcher() -> TCPStore | None:
+    """The store of torchrun, which outlives the processes; ``None`` under other launchers."""
+    if os.environ.get("TORCHELASTIC_USE_AGENT_STORE") != "True":
+        return None
+    port = int(os.environ["MASTER_PORT"])
+    with losses_named():
+        return TCPStore(os.environ["MASTER_ADDR"], port, is_master=False, wait_for_workers=False)
+
+
+def _key() -> str:
+    return f"gsfw/run/{os.environ.get('TORCHELASTIC_RUN_ID', '')}"
 
 
 def _threads() -> int:
@@ -124,9 +177,9 @@ def _environment(rank: int, processes: int, port: int) -> dict[str, str]:
 
 def _report(codes: dict[int, int]) -> int:
     """Name the processes that were ended by a signal; return the exit code of the whole."""
-    for rank, code in sorted(codes.items()):
+    for number, code in sorted(codes.items()):
         if code < 0 and -code != signal.SIGTERM:  # SIGTERM: ended as another had failed.
             name = signal.Signals(-code).name
             cause = " (memory may have run out)" if name == "SIGKILL" else ""
-            sys.stderr.write(f"error: process {rank} was ended by {name}{cause}\n")
+            sys.stderr.write(f"error: process {number} was ended by {name}{cause}\n")
     return max(codes.get(0, 0), 0) or FAILED

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
-from gsfw.core.errors import TrainingError, UserError
-from gsfw.parallel.environment import LostProcessError, is_follower, rank
+from gsfw.core.errors import UserError
+from gsfw.parallel.environment import is_follower
 from gsfw.plugins.registry import installed
 from gsfw.plugins.specs import PROJECT
 
@@ -68,11 +68,10 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
 def report(error: Exception, console: Console, debug: bool) -> int:
     """Print an error for the user; return the exit code.
 
-    Of several processes of a training the first one reports what all of them find.
+    Of several processes of a training the first one reports what all of them find. What only
+    another one finds, that one has printed already (``commands.interface.team``).
     """
     if is_follower() and isinstance(error, UserError):
-        if isinstance(error, TrainingError) and not isinstance(error, LostProcessError):
-            sys.stderr.write(f"error: process {rank()}: {error.message}\n")
         return error.exit_code
     if debug:
         traceback.print_exception(error, file=sys.stderr)
@@ -82,6 +81,7 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     if is_out_of_memory(error):
         _tell(console, *OUT_OF_MEMORY)
         return UNEXPECTED
+    path: Path | None
     if isinstance(error, RecordedError):
         path, cause = error.path, error.__cause__ or error
     else:
@@ -91,9 +91,16 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     _tell(
         console,
         f"{culprit} failed unexpectedly: {summary}",
-        f"The traceback is in {path}{'' if debug else '; debug=true shows it here'}. {bug}",
+        f"{_place(path, debug)} {bug}",
     )
     return UNEXPECTED
+
+
+def _place(path: Path | None, debug: bool) -> str:
+    """A sentence on where the traceback is."""
+    if path is None:
+        return "The traceback is above." if debug else "debug=true shows the traceback."
+    return f"The traceback is in {path}{'' if debug else '; debug=true shows it here'}."
 
 
 def is_out_of_memory(error: BaseException) -> bool:
@@ -140,10 +147,14 @@ def _missing_module(error: BaseException, owner: PluginSource) -> str:
     return f"Install {module} (pip install {module}), which {owner.noun} needs."
 
 
-def _record(error: Exception) -> Path:
-    handle, name = tempfile.mkstemp(prefix="gsfw-error-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write("".join(traceback.format_exception(error)))
+def _record(error: Exception) -> Path | None:
+    """Write the traceback of an error to a temporary file; ``None`` where the disk is full."""
+    try:
+        handle, name = tempfile.mkstemp(prefix="gsfw-error-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write("".join(traceback.format_exception(error)))
+    except OSError:
+        return None
     return Path(name)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
 from gsfw.commands.interface.run_history import remember_run
+from gsfw.commands.interface.team import tell_launcher
 from gsfw.commands.interface.training import describe, follow
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.loop.machine_clock import MachineClock
@@ -56,6 +57,7 @@ class NewTraining:
             path = team.gathered(self.path)[0]
             return follow(self.composition.trainer(RunFolder(path))), RunFolder(path)
         with new_run_folder(self.path, is_chosen=bool(settings.config.out)) as new:
+            tell_launcher(new.folder.path)
             write_atomically(new.folder.config, write_config(settings, self.command).encode())
             remember_run(new.folder.path)
             callbacks = caller.callbacks_of(settings, registry)

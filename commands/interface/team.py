@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from gsfw.commands.interface.arguments import Arguments
 from gsfw.commands.interface.console import Console, ProgramConsole
 from gsfw.core.errors import ConfigError, UserError
-from gsfw.parallel.environment import check_processes, is_follower, leave, world
+from gsfw.parallel.environment import (
+    LostProcessError,
+    check_processes,
+    is_follower,
+    leave,
+    rank,
+    world,
+)
 
 if TYPE_CHECKING:
     from gsfw.core.team import Team
@@ -77,8 +87,54 @@ def joined(processes: int, device: str) -> Iterator[Team]:
     from gsfw.parallel.launch import connected
     from gsfw.plugins.devices import find_device
 
-    with connected(find_device(device)) as team:
+    with connected(find_device(device)) as team, _own_errors_told():
         yield team
+
+
+@contextmanager
+def _own_errors_told() -> Iterator[None]:
+    """Print the errors of a follower that no other process has, such as a damaged photo.
+
+    Raises:
+        SystemExit: in place of such an error, or of the loss of another process.
+    """
+    try:
+        yield
+    except UserError as error:
+        if not is_follower() or isinstance(error, ConfigError):  # All find wrong settings.
+            raise
+        if isinstance(error, LostProcessError):
+            leave(error.exit_code)
+        sys.stderr.write(f"error: process {rank()}: {error.message}\n{error.advice}\n")
+        raise SystemExit(error.exit_code) from error
+
+
+def tell_launcher(run: Path) -> None:
+    """Tell torchrun, if it is there, which run has begun, for ``run_left``."""
+    if world() is not None:
+        from gsfw.parallel.launch import tell_launcher
+
+        tell_launcher(run)
+
+
+def run_left(team: Team) -> Path | None:
+    """The run to go on with, which earlier processes of the same launcher have begun.
+
+    The first process looks for it. What was left before the first checkpoint is removed.
+
+    Returns:
+        Its folder, the same in every process; ``None`` for a new run.
+    """
+    from gsfw.core.loop.run_folder import RunFolder
+    from gsfw.parallel.launch import run_of_launcher
+
+    found = run_of_launcher() if team.leads and world() is not None else None
+    if found is not None:
+        folder = RunFolder(found)
+        if not folder.config.is_file() or folder.latest_checkpoint() is None:
+            shutil.rmtree(found, ignore_errors=True)
+            found = None
+    return team.gathered(found)[0]
 
 
 def together(team: Team, build: Callable[[], Built]) -> Built:
@@ -96,11 +152,11 @@ def together(team: Team, build: Callable[[], Built]) -> Built:
     failures = team.gathered(None if error is None else (error.message, error.advice))
     if error is not None and team.leads:
         raise error
-    for rank, failure in enumerate(failures):
+    for number, failure in enumerate(failures):
         if failure is not None:
             if not team.leads:
                 leave(UserError.exit_code)
             message, advice = failure
-            raise UserError(f"process {rank}: {message}", advice)
+            raise UserError(f"process {number}: {message}", advice)
     assert built is not None
     return built

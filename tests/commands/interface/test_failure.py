@@ -1,5 +1,6 @@
 """Tests of gsfw.commands.interface.failure."""
 
+import errno
 import json
 import re
 from pathlib import Path
@@ -116,3 +117,12 @@ def test_a_run_that_will_be_removed_keeps_no_log(tmp_path):
 def test_a_users_mistake_is_not_logged(tmp_path):
     with pytest.raises(ConfigError), tracebacks_in(RunFolder(tmp_path), lambda: False):
         raise ConfigError("seed=x: wrong.")
+
+
+def test_an_unexpected_error_has_no_file_where_the_temporary_folder_is_full(capsys, monkeypatch):
+    def full(**settings):
+        raise OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr("tempfile.mkstemp", full)
+    assert report(RuntimeError("no"), Console(), debug=False) == 1
+    assert "debug=true shows the traceback." in capsys.readouterr().err
