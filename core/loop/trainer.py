@@ -54,7 +54,7 @@ class Trainer:
         self.train_seconds = 0.0
         self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
-        self._updates = Update(parts, plan, self._stopwatch)
+        self._updates = Update(parts, self._stopwatch)
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)
@@ -133,7 +133,7 @@ class Trainer:
         sampler = self.parts.sampler
         views = self.walk.next_views(sampler, self.step)
         coming = self.walk.coming_views(sampler, self.plan.prefetch_views)
-        rendered = self._updates.run(views, coming, self.step)
+        rendered = self._updates.run(self.plan, views, coming, self.step)
         self.train_seconds += time.perf_counter() - started
         return rendered
 

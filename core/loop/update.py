@@ -19,8 +19,8 @@ from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 class Update:
     """Batches -> splats -> render -> decode -> losses -> backward -> step -> observe."""
 
-    def __init__(self, parts: TrainingParts, plan: TrainingPlan, clock: Stopwatch) -> None:
-        self._parts, self._plan, self._clock = parts, plan, clock
+    def __init__(self, parts: TrainingParts, clock: Stopwatch) -> None:
+        self._parts, self._clock = parts, clock
         self._times = parts.data.views(Split.TRAIN).times
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
@@ -36,11 +36,12 @@ class Update:
         return int(self._skipped_in_a_row)
 
     def run(
-        self, views: tuple[int, ...], coming: tuple[int, ...], step: int
+        self, plan: TrainingPlan, views: tuple[int, ...], coming: tuple[int, ...], step: int
     ) -> list[RenderedBatch]:
         """Render the views of a step, and update all parameters.
 
         Args:
+            plan: schedule of the run.
             views: the training views of the step.
             coming: views of later steps, which are loaded in the background.
             step: number of the step, counted from 0.
@@ -49,7 +50,7 @@ class Update:
             The batches that this process has rendered.
         """
         parts, clock = self._parts, self._clock
-        forward = Forward(parts, self._plan)
+        forward = Forward(parts, plan)
         with clock.stage("load"):
             batches = forward.load(parts.team.own(views), coming, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))

@@ -66,8 +66,8 @@ def test_an_unknown_verb_suggests_the_nearest():
     assert result.stderr == (
         "error: gsfw has no verb 'trian'. Did you mean 'train'?\n"
         "Verbs: bench, blocks, check, completion, config, convert, doctor, edit, eval, export, "
-        "info, new, open, partition, plugins, prepare, render, report, resume, runs, stress, study, tradeoff, train, view. "
-        "See gsfw --help.\n"
+        "info, new, open, partition, plugins, prepare, render, report, resume, runs, stress, "
+        "study, tradeoff, train, view. See gsfw --help.\n"
     )
 
 
