@@ -11,7 +11,7 @@ import pytest
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "city.py"
 SMALLEST = (
     *("tiles=2x1", "views=6", "width=32", "height=24", "points=500", "blocks=2"),
-    *("steps=4", "coarse=2", "whole_steps=4", "limit_mb=6000", "limit=address"),
+    *("steps=4", "coarse=2", "whole_steps=0", "limit_mb=6000", "limit=address"),
 )
 
 
@@ -30,5 +30,4 @@ def test_the_smallest_city_is_cut_trained_merged_and_measured(tmp_path):
     rows = found["blocks_under_limit"]["gaussians"]
     assert 900 < rows < 1100  # Those that have crossed a border count in two blocks, or none.
     assert found["eval"]["num_gaussians"] == rows
-    assert found["whole"]["num_gaussians"] == 1000
     assert "seams lose" in done.stdout
