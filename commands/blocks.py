@@ -185,7 +185,7 @@ def _train(
     training.write_starts()
     pending = training.pending()
     done = len(training.partition.blocks) - len(pending)
-    console.say(f"{done} blocks are trained, {len(pending)} to train")
+    console.say(f"blocks: {done} trained, {len(pending)} to train")
     return _do(executor, pending, control, console)
 
 

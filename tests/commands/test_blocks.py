@@ -83,7 +83,7 @@ def test_finished_blocks_are_kept_and_other_settings_refused(tmp_path, capsys):
     }
     assert len(before) == 2
     assert main(["blocks", str(folder), *SHORT]) == 0
-    assert "2 blocks are trained, 0 to train" in capsys.readouterr().out
+    assert "blocks: 2 trained, 0 to train" in capsys.readouterr().out
     assert before == {path: path.stat().st_mtime_ns for path in before}
     assert main(["blocks", str(folder), *SHORT, "sh_degree=1"]) == 2
     said = capsys.readouterr().err
@@ -111,7 +111,7 @@ def test_killed_and_interrupted_blocks_go_on_and_finished_ones_stay(tmp_path, ca
     process.send_signal(signal.SIGINT)
     said, complained = process.communicate(timeout=60)
     assert process.returncode == 130, said + complained
-    assert "1 blocks are trained, 1 to train" in said
+    assert "blocks: 1 trained, 1 to train" in said
     assert "block b1: stopped; it goes on from its checkpoint" in said
     assert second.latest_checkpoint() > reached
 
