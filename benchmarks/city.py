@@ -1,28 +1,26 @@
 """A generated city: whole under a limit of memory, in blocks under the same, and their seams.
 
     python benchmarks/city.py FOLDER [tiles=2x2] [views=24] [width=96] [height=72] [points=2000]
-        [steps=300] [blocks=2x2] [limit_mb=1700] [whole=true] [rest=true] [coarse=100]
+        [steps=300] [blocks=2x2] [limit_mb=1700] [limit=auto] [whole_steps=300] [rest=true]
+        [coarse=100] [margin=0.15] [cache_mb=20] [budget=0.1]
 
-writes FOLDER/data, trains it in one piece under the limit (which is to end with a sentence), cuts
-and trains it in blocks under the same limit, and measures the merged model at pixels near borders
-of cells and elsewhere. whole=true also trains in one piece without a limit, as a yardstick. Results
-go to FOLDER/result.json. What is there already is kept.
-
-The limit is memory.max of a control group (cgroup v2) where one can be made; else RLIMIT_AS, the
-address space of each process, which counts what is only reserved too: torch alone takes more than
-1 GB of it.
+writes FOLDER/data, trains it in one piece under the limit (which is to end), cuts and trains it in
+blocks under the same limit, measures the merged model at pixels near borders of cells and
+elsewhere, and draws it within a budget of Gaussians (a part of all). whole_steps=N also trains in
+one piece without a limit, as a yardstick; 0: not. Results go to FOLDER/result.json. What is there
+already is kept. limit=address limits the address space of each process, and not the memory of all
+together (memory_limit.py).
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import resource
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import time
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -30,25 +28,30 @@ import numpy as np
 import torch
 from generated_city import City, city_scene, write_city
 from jaxtyping import Bool, Float64
+from memory_limit import MemoryLimit, memory_limit
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import render_model
-from gsfw.datamanagers.synthetic.raycast import rays
+from gsfw.datamanagers.synthetic.raycast import one_thread, rays
 from gsfw.partition.document import Partition, read_partition
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
 
 DEFAULTS = {
     **{"tiles": "2x2", "views": "24", "width": "96", "height": "72", "points": "2000"},
-    **{"steps": "300", "blocks": "2x2", "limit_mb": "1700", "whole": "true", "rest": "true"},
-    **{"coarse": "100", "margin": "0.15"},
+    **{"steps": "300", "blocks": "2x2", "limit_mb": "1700", "limit": "auto", "coarse": "100"},
+    **{"whole_steps": "300", "rest": "true", "margin": "0.15", "cache_mb": "20", "budget": "0.1"},
 }
 NEAR = 0.3
 """Distance from a border within which a pixel is near it, in world units; tiles are 3.4 wide."""
 ALLOWED = 0.2
-"""Decibels by which seams may be worse than the rest, compared with training in one piece."""
-GROUPS = Path("/sys/fs/cgroup")
+"""Decibels by which seams may be worse than the rest."""
+KEPT = (
+    *("error", "advice", "peak_memory_mb", "num_gaussians", "gaussians", "psnr", "render_ms"),
+    *("whole", "too_large"),
+)
+"""Keys of what a command says that go to the results."""
 
 
 def say(*words: object) -> None:
@@ -57,35 +60,22 @@ def say(*words: object) -> None:
     sys.stdout.flush()
 
 
-@contextmanager
-def limited(megabytes: int) -> Iterator[tuple[str, object]]:
-    """A limit of memory: its name, and what a child process calls before it starts."""
-    group = GROUPS / f"gsfw-city-{os.getpid()}"
-    controllers = GROUPS / "cgroup.controllers"
-    try:
-        if "memory" not in controllers.read_text():  # A plain folder limits nothing.
-            raise OSError("no controller of memory")
-        group.mkdir()
-        (group / "memory.max").write_text(str(megabytes * 10**6))
-    except OSError:
-        if group.exists():
-            group.rmdir()
-        size = (megabytes * 10**6, megabytes * 10**6)
-        yield "RLIMIT_AS", lambda: resource.setrlimit(resource.RLIMIT_AS, size)
-        return
-    try:
-        yield (
-            "cgroup memory.max",
-            lambda: (group / "cgroup.procs").write_text(str(os.getpid())),
-        )
-    finally:
-        group.rmdir()
-
-
-def gsfw(arguments: list[str], before: object = None) -> subprocess.CompletedProcess[str]:
-    """Run a command line of gsfw."""
+def gsfw(arguments: list[str], limit: MemoryLimit | None = None) -> dict[str, object]:
+    """Run a command line of gsfw; its end: the exit code, the seconds, and what it says."""
     command = [sys.executable, "-m", "gsfw", *arguments, "json=true"]
-    return subprocess.run(command, preexec_fn=before, capture_output=True, text=True, check=False)
+    start = time.monotonic()
+    done = subprocess.run(
+        command, preexec_fn=limit and limit.enter, capture_output=True, text=True, check=False
+    )
+    seconds = round(time.monotonic() - start, 1)
+    try:
+        document = json.loads(done.stdout)
+    except ValueError:
+        document = {"error": done.stderr.strip()[-400:]}
+    if done.returncode < 0:
+        document = {"error": f"ended by {signal.Signals(-done.returncode).name}"}
+    kept = {key: document[key] for key in KEPT if key in document}
+    return {"code": done.returncode, "seconds": seconds} | kept
 
 
 def border_pixels(
@@ -129,7 +119,9 @@ def quality(restored: Restored, city: City, partition: Partition) -> dict[str, f
         pose = world.camera(camera.world_to_camera.double())
         shift = torch.tensor(city.origin, dtype=torch.float64)
         pose[0, :3, 3] += pose[0, :3, :3] @ shift
-        for place, mask in enumerate(border_pixels(city, _at(camera, pose), partition)):
+        with one_thread():
+            masks = border_pixels(city, _at(camera, pose), partition)
+        for place, mask in enumerate(masks):
             sums[place] += error[mask].sum()
             counts[place] += mask.sum()
     near, inside = (-10 * np.log10(sums / np.maximum(counts, 1))).tolist()
@@ -156,70 +148,91 @@ def main(arguments: list[str]) -> int:
     first, second = map(int, given["tiles"].split("x"))
     numbers = {name: int(given[name]) for name in ("views", "width", "height", "points")}
     city = City(tiles=(first, second), **numbers)
-    data, cut = folder / "data", folder / "cut"
-    if not (data / "transforms.json").exists():
-        write_city(city, data, _progress)
+    if not (folder / "data" / "transforms.json").exists():
+        write_city(city, folder / "data", _progress)
     result: dict[str, object] = {"city": asdict(city), "settings": given}
-    length = [f"steps={given['steps']}", "strategy=none", "report=false"]
-    with limited(int(given["limit_mb"])) as (name, before):
-        result["limit"] = f"{given['limit_mb']} MB ({name})"
-        done = gsfw(
-            ["train", "method=3dgs", f"data={data}", *length, f"out={folder / 'limited'}"], before
-        )
-        result["whole_under_limit"] = _said(done)
-        say("in one piece under the limit:", result["whole_under_limit"])
-        if not (cut / "partition.json").exists():
-            done = gsfw(
-                [
-                    *("partition", str(data), f"out={cut}", f"blocks={given['blocks']}"),
-                    *(f"memory={given['limit_mb']}MB", f"margin={given['margin']}"),
-                ],
-                before,
-            )
-            result["partition"] = _said(done)
-        coarse = [f"coarse.steps={given['coarse']}", f"coarse.rest={given['rest']}"]
-        coarse += [f"coarse.points={max(1000, city.points * first * second // 8)}"]
-        done = gsfw(["blocks", str(cut), *length, *coarse], before)
-        result["blocks_under_limit"] = _said(done)
-        say("in blocks under the limit:", result["blocks_under_limit"])
-        if done.returncode:
-            return done.returncode
+    with memory_limit(int(given["limit_mb"]), given["limit"]) as limit:
+        result["limit"] = f"{given['limit_mb']} MB ({limit.name})"
+        say("limit:", result["limit"])
+        trained = _under_the_limit(folder, given, limit, result)
+    if trained:
+        _measure(folder, given, city, result)
+    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    return 0 if trained else 1
+
+
+def _under_the_limit(
+    folder: Path, given: Mapping[str, str], limit: MemoryLimit, result: dict[str, object]
+) -> bool:
+    """Train in one piece and in blocks; true if the blocks are trained and merged."""
+    data, cut = folder / "data", folder / "cut"
+    length = _length(given, given["steps"])
+    piece = ["train", "method=3dgs", f"data={data}", *length, f"out={folder / 'limited'}"]
+    result["whole_under_limit"] = gsfw(piece, limit)
+    say("in one piece under the limit:", result["whole_under_limit"])
+    if not (cut / "partition.json").exists():
+        words = [f"out={cut}", f"blocks={given['blocks']}", f"margin={given['margin']}"]
+        words = ["partition", str(data), *words, f"memory={given['limit_mb']}MB"]
+        result["partition"] = gsfw(words, limit)
+        say("cut:", result["partition"])
+    coarse = [f"coarse.steps={given['coarse']}", f"coarse.rest={given['rest']}"]
+    points = int(given["points"]) * math.prod(map(int, given["tiles"].split("x")))
+    coarse += [f"coarse.points={max(1000, points // 8)}"]
+    done = gsfw(["blocks", str(cut), *length, *coarse], limit)
+    result["blocks_under_limit"] = done
+    say("in blocks under the limit:", done)
+    return done["code"] == 0
+
+
+def _length(given: Mapping[str, str], steps: str) -> list[str]:
+    """Settings of every training."""
+    return [f"steps={steps}", "strategy=none", "report=false", f"cache_mb={given['cache_mb']}"]
+
+
+def _measure(folder: Path, given: Mapping[str, str], city: City, result: dict[str, object]) -> None:
+    """Measure the blocks, the merged model, its seams, and what a budget costs."""
+    cut = folder / "cut"
+    merged = str(cut / "merged.gsfw")
     partition = read_partition(cut)
-    result["merged"] = quality(opened(cut / "merged.gsfw", cut), city, partition)
-    say("merged:", result["merged"])
-    if given["whole"] == "true":
+    result["blocks"] = {
+        block.name: _of_run(cut / "blocks" / block.name) | {"views": len(block.train)}
+        for block in partition.blocks
+    }
+    say("blocks:", result["blocks"])
+    found = quality(opened(Path(merged), cut), city, partition)
+    result["merged"] = found
+    say("merged:", found)
+    lost = _seam_loss(found)
+    result["seam_loss_db"] = lost
+    verdict = "holds" if lost <= ALLOWED or math.isnan(lost) else "FAILS"
+    say(f"seams lose {lost:.2f} dB; at most {ALLOWED} dB {verdict}")
+    result["eval"] = gsfw(["eval", merged, f"data={cut}"])
+    say("all Gaussians:", result["eval"])
+    rows = result["blocks_under_limit"]["gaussians"]
+    budget = max(1, round(float(given["budget"]) * rows))
+    result["eval_budget"] = {"budget": budget} | gsfw(
+        ["eval", merged, f"data={cut}", f"budget={budget}"]
+    )
+    say("within a budget:", result["eval_budget"])
+    if int(given["whole_steps"]):
         whole = folder / "whole"
         if not (whole / "metrics.json").exists():
+            length = _length(given, given["whole_steps"])
             gsfw(["train", "method=3dgs", f"data={cut}", *length, f"out={whole}"])
-        result["whole"] = quality(opened(whole, cut), city, partition)
+        result["whole"] = _of_run(whole) | quality(opened(whole, cut), city, partition)
         say("in one piece without a limit:", result["whole"])
-    _judge(result)
-    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
-    return 0
+        say(f"its seams lose {_seam_loss(result['whole']):.2f} dB")
 
 
-def _judge(result: dict[str, object]) -> None:
-    """Print by how much the seams are worse than the rest."""
-    merged = _drop(result["merged"])
-    usual = _drop(result["whole"]) if "whole" in result else 0.0
-    result["seam_loss_db"] = merged - usual
-    verdict = "holds" if merged - usual <= ALLOWED or math.isnan(merged) else "FAILS"
-    say(f"seams lose {merged - usual:.2f} dB; at most {ALLOWED} dB {verdict}")
-
-
-def _drop(figures: object) -> float:
-    assert isinstance(figures, Mapping)
+def _seam_loss(figures: Mapping[str, float]) -> float:
     return figures["inside"] - figures["seam"]
 
 
-def _said(done: subprocess.CompletedProcess[str]) -> dict[str, object]:
-    """The end of a command: its exit code, and what it says."""
-    try:
-        document = json.loads(done.stdout)
-    except ValueError:
-        document = {"error": done.stderr.strip()[-400:]}
-    kept = ("error", "advice", "peak_memory_mb", "gaussians", "psnr", "whole", "too_large")
-    return {"code": done.returncode} | {key: document[key] for key in kept if key in document}
+def _of_run(folder: Path) -> dict[str, object]:
+    """Figures of a finished run."""
+    metrics = json.loads((folder / "metrics.json").read_text())
+    keys = ("train_seconds", "peak_memory_mb", "num_gaussians", "psnr")
+    return {key: metrics[key] for key in keys if key in metrics}
 
 
 def _progress(done: int, total: int) -> None:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import parse, positional, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
-from gsfw.core.words import duration
+from gsfw.core.words import duration, size
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -26,6 +26,8 @@ FAILED = 1
 OTHERS = "another gsfw blocks, or a run that one left behind,"
 REFUSED = ("out", "datamanager")
 """Settings of gsfw train that the partition decides."""
+SHOWN = ("train_seconds", "peak_memory_mb", "psnr")
+"""Figures of a block's run that are told."""
 
 
 @dataclass(kw_only=True)
@@ -183,7 +185,7 @@ def _train(
     training.write_starts()
     pending = training.pending()
     done = len(training.partition.blocks) - len(pending)
-    console.say(f"{done} blocks are trained, {len(pending)} to train")
+    console.say(f"blocks: {done} trained, {len(pending)} to train")
     return _do(executor, pending, control, console)
 
 
@@ -208,22 +210,51 @@ def _do(executor: Executor, jobs: Sequence[Job], control: Control, console: Cons
 
 def _merge(training: BlockTraining, console: Console) -> int:
     """Merge the blocks, and print what they hold."""
+    import torch
+
+    from gsfw.core.loop.memory import memory_summary
+    from gsfw.core.loop.run_folder import RunFolder
     from gsfw.partition.merging import merge, write_merged
+    from gsfw.reports.run_reader import read_run
 
     partition, registry = training.partition, training.registry
     runs = [training.run_of(block) for block in partition.blocks]
     with stage("merging the blocks"):
         merged = merge(partition, runs, registry)
         files = write_merged(merged, training.folder, training.layer(), registry)
+    found = [
+        _figures(merged.rows[block.name], read_run(RunFolder(run)).summary)
+        for block, run in zip(partition.blocks, runs, strict=True)
+    ]
     console.table(
-        ["block", "Gaussians of its cell"],
-        [[name, f"{count:,}"] for name, count in merged.rows.items()],
+        ["block", "Gaussians of its cell", "trained in", "memory", "PSNR"],
+        [_row(name, figures) for name, figures in zip(merged.rows, found, strict=True)],
     )
     count = len(merged.content.splats)
     console.say(f"{count:,} Gaussians in {', '.join(map(str, files))}")
     model, data = files[1], training.folder
     console.say(f"Next: gsfw view {model}, or gsfw eval {model} data={data}")
     console.result(
-        {"files": [str(path) for path in files], "gaussians": count, "blocks": merged.rows}
+        {
+            "files": [str(path) for path in files],
+            "gaussians": count,
+            "blocks": dict(zip(merged.rows, found, strict=True)),
+            **memory_summary(torch.device("cpu")),
+        }
     )
     return 0
+
+
+def _figures(own: int, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain data of a trained block: the Gaussians of its cell, and the figures of its run."""
+    return {"gaussians": own} | {key: summary[key] for key in SHOWN if key in summary}
+
+
+def _row(name: str, figures: Mapping[str, Any]) -> list[str]:
+    seconds, peak, psnr = (figures.get(key) for key in SHOWN)
+    return [
+        *(name, f"{figures['gaussians']:,}"),
+        "-" if seconds is None else duration(seconds),
+        size(1e6 * peak) if peak else "-",
+        "-" if psnr is None else f"{psnr:.2f} dB",
+    ]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.progress import stage
+from gsfw.core.words import size
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -159,12 +160,10 @@ def _write(folder: Path, settings: Settings, data: Capture, plan: Plan) -> Path:
 
 def _tell(console: Console, plan: Plan, wishes: Wishes, path: Path) -> None:
     """Print the blocks, and what does not fit."""
-    from gsfw.partition.plan import size
-
     rows = [
         [
             *(block.name, str(len(block.train)), str(len(block.evaluation))),
-            *(f"{block.points:,}", f"{block.gaussians:,}", size(block.memory_mb)),
+            *(f"{block.points:,}", f"{block.gaussians:,}", size(1e6 * block.memory_mb)),
         ]
         for block in plan.blocks
     ]
@@ -175,19 +174,19 @@ def _tell(console: Console, plan: Plan, wishes: Wishes, path: Path) -> None:
     whole = plan.whole
     if whole.memory_mb > wishes.memory_mb:
         console.say(
-            f"In one piece the scene would need about {size(whole.memory_mb)} for "
-            f"{whole.gaussians:,} Gaussians, more than memory={size(wishes.memory_mb)}."
+            f"In one piece the scene would need about {size(1e6 * whole.memory_mb)} for "
+            f"{whole.gaussians:,} Gaussians, more than memory={size(1e6 * wishes.memory_mb)}."
         )
     else:
         console.say(
-            f"In one piece the scene would need about {size(whole.memory_mb)}, which fits into "
-            f"memory={size(wishes.memory_mb)}: gsfw train would do."
+            f"In one piece the scene would need about {size(1e6 * whole.memory_mb)}, which fits "
+            f"into memory={size(1e6 * wishes.memory_mb)}: gsfw train would do."
         )
     large = [block for block in plan.blocks if block.memory_mb > wishes.memory_mb]
     for block in large:
         console.warn(
-            f"block {block.name} needs about {size(block.memory_mb)}, more than "
-            f"memory={size(wishes.memory_mb)}. Give more blocks, or downscale=2."
+            f"block {block.name} needs about {size(1e6 * block.memory_mb)}, more than "
+            f"memory={size(1e6 * wishes.memory_mb)}. Give more blocks, or downscale=2."
         )
     console.say(f"written: {path}, {PICTURE}\nNext: gsfw blocks {path.parent}")
     console.result(

@@ -12,15 +12,18 @@ from pathlib import Path
 
 import torch
 
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import SplatFile
+from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.operators import Operators
 from gsfw.core.splats import Splats
 from gsfw.formats.model_file import ModelFileExporter
 from gsfw.formats.ply import PlyExporter
 from gsfw.partition.block_data import places_of
 from gsfw.partition.document import Block, Partition
-from gsfw.plugins.compose import compose
+from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.initial_splats import in_scene
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
@@ -30,6 +33,8 @@ from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 
 PLY, MODEL = "merged.ply", "merged.gsfw"
 """Names of the files of a merged model."""
+FEW = 64
+"""Gaussians that the settings of a merged model are checked with."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +63,11 @@ def merge(partition: Partition, runs: Sequence[Path], registry: Registry) -> Mer
     """
     parts, rows, steps = list[SplatFile](), dict[str, int](), list[int]()
     for block, path in zip(partition.blocks, runs, strict=True):
-        restored = restore(RunFolder(path), registry)
-        part = own_rows(run_splats(restored), partition, block)
+        part, step = _part(partition, block, path, registry)
         parts.append(part)
         rows[block.name] = len(part.splats)
-        steps.append(restored.step)
+        steps.append(step)
+        release_freed_memory()
     full = [part for part in parts if len(part.splats)]
     if not full:
         raise DataError(
@@ -71,6 +76,14 @@ def merge(partition: Partition, runs: Sequence[Path], registry: Registry) -> Mer
         )
     content = replace(full[0], splats=Splats.cat([part.splats for part in full]))
     return Merged(content, rows, min(steps))
+
+
+def _part(
+    partition: Partition, block: Block, path: Path, registry: Registry
+) -> tuple[SplatFile, int]:
+    """The splats of a block's own cell, and its step; the rest of its run is not kept in memory."""
+    restored = restore(RunFolder(path), registry)
+    return own_rows(run_splats(restored), partition, block), restored.step
 
 
 def run_splats(restored: Restored) -> SplatFile:
@@ -100,7 +113,7 @@ def write_merged(merged: Merged, folder: Path, layer: Layer, registry: Registry)
     """Write the merged model as a PLY with exact positions, and as a model file; the paths.
 
     The model file has the cameras of the whole data set, and positions in float32 in its scene
-    frame, as every model file.
+    frame, as every model file. Neither needs the memory of training the whole.
 
     Args:
         merged: the model.
@@ -116,12 +129,25 @@ def write_merged(merged: Merged, folder: Path, layer: Layer, registry: Registry)
     data = open_data(settings)
     try:
         initial = in_scene(merged.content, data.scene)
-        composition = compose(settings, registry, data=data, initial=initial)
+        # The optimizer of a composition has two moments for each number of its model.
+        few = initial.take(torch.arange(min(FEW, len(initial))))
+        composition = compose(settings, registry, data=data, initial=few)
+        whole = _with_rows(composition, initial)
     finally:
         data.close()
-    restored = Restored(RunFolder(folder), composition, {"step": merged.step})
+    restored = Restored(RunFolder(folder), whole, {"step": merged.step})
     ModelFileExporter().write(folder / MODEL, RunSource(restored))
     return [folder / PLY, folder / MODEL]
+
+
+def _with_rows(composition: Composition, initial: Splats) -> Composition:
+    """The composition with a model of these splats, on the CPU; its optimizer has others."""
+    parts, config = composition.parts, composition.settings.config
+    method, scene = parts.method, parts.data.scene
+    generator = torch.Generator().manual_seed(config.seed)
+    model = method.build_model(scene, Operators(), generator, initial)
+    method.begin(scene, parts.data.views(Split.TRAIN), model)
+    return replace(composition, parts=replace(parts, model=model))
 
 
 def whole_settings(layer: Layer, content: SplatFile, registry: Registry) -> Settings:

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.maths.axes import known_axis
+from gsfw.core.words import size
 from gsfw.datamanagers.capture import Capture
 from gsfw.partition.cells import Cell, Weighted, balanced, grid, until
 from gsfw.partition.costs import CostRule, Costs
@@ -133,8 +134,8 @@ class _Cutter:
         if text == "auto":
             if whole.memory_mb <= wishes.memory_mb:
                 raise ConfigError(
-                    f"the whole scene fits in one piece: it needs about {size(whole.memory_mb)}, "
-                    f"and memory={size(wishes.memory_mb)}.",
+                    "the whole scene fits in one piece: it needs about "
+                    f"{size(1e6 * whole.memory_mb)}, and memory={size(1e6 * wishes.memory_mb)}.",
                     "Train it with gsfw train; blocks=N cuts it all the same.",
                 )
             return until(self._work, lambda cell: self._fits(cell, wishes), MOST_BLOCKS)
@@ -183,7 +184,8 @@ class _Cutter:
         if not train and not may_be_empty:
             raise DataError(
                 f"block {name} has no training view: no view sees enough of it.",
-                f"Give fewer blocks, or a smaller share than {wishes.share:g}.",
+                "Give fewer blocks (blocks=N, or more memory), or a smaller share than "
+                f"{wishes.share:g}.",
             )
         points = int(cell.holds(self._points).sum())
         costs = self._rule.of(len(train), int(cell.holds(self._points, margin).sum()))
@@ -197,8 +199,3 @@ class _Cutter:
             gaussians=costs.gaussians,
             memory_mb=costs.memory_mb,
         )
-
-
-def size(megabytes: float) -> str:
-    """A size for people: "7.9 GB", "640 MB"."""
-    return f"{megabytes / 1e3:.1f} GB" if megabytes >= 1e3 else f"{megabytes:.0f} MB"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import tempfile
@@ -104,10 +105,14 @@ def _place(path: Path | None, debug: bool) -> str:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """True if main memory could not be allocated; torch says so in a RuntimeError."""
+    """True if main memory could not be allocated.
+
+    torch says so in a RuntimeError, and a refusal to map a file or start a process is an OSError.
+    """
     found: BaseException | None = error
     while found is not None:
         refused = isinstance(found, RuntimeError) and "can't allocate memory" in str(found)
+        refused |= isinstance(found, OSError) and found.errno == errno.ENOMEM
         if isinstance(found, MemoryError) or refused:
             return True
         found = found.__cause__ or found.__context__

@@ -19,14 +19,26 @@ def peak_memory_mb(device: torch.device) -> dict[str, float]:
     In megabytes; "rss" is absent if the system does not report it (Windows).
     """
     peaks: dict[str, float] = {}
-    if sys.platform != "win32":
-        import resource
-
-        unit = 1 if sys.platform == "darwin" else 1024
-        peaks["rss"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+    resident = _peak_resident_mb()
+    if resident is not None:
+        peaks["rss"] = resident
     if device.type == "cuda":
         peaks["cuda"] = torch.cuda.max_memory_allocated(device) / 1e6
     return peaks
+
+
+def _peak_resident_mb() -> float | None:
+    """Peak resident memory of this process; ``None`` if the system does not report it."""
+    if sys.platform == "win32":
+        return None
+    # getrusage of Linux counts the process that started this one, too: until exec, its memory is
+    # that of this process.
+    if STATUS.exists() and (peak := _status_mb("VmHWM")) is not None:
+        return peak
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
 def added_memory_mb(work: Callable[[], object], device: torch.device) -> float | None:

@@ -81,3 +81,16 @@ def test_held_out_views_are_those_of_the_whole(tmp_path):
     words = ["partition", str(street), f"out={tmp_path / 'cut'}", "blocks=2", "holdout_every=4"]
     assert main(words) == 0
     assert len(read_partition(tmp_path / "cut").held_out) == 4
+
+
+@pytest.mark.parametrize(
+    "cameras",
+    [(-6.0, -1.0), (-6.0, 30.0)],
+    ids=["no views", "no points"],
+)
+def test_a_block_without_views_or_points_is_refused(tmp_path, capsys, cameras):
+    street = write_street(tmp_path / "street", cameras=cameras)
+    said = refused(capsys, str(street), f"out={tmp_path / 'cut'}", "blocks=4")
+    assert "block b3 has no training view: no view sees enough of it" in said
+    assert "Give fewer blocks" in said
+    assert not (tmp_path / "cut").exists()

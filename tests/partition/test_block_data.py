@@ -9,8 +9,13 @@ from support.street import write_street
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
+from gsfw.core.loop.evaluation import render_model
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.render_settings import RenderSettings
 from gsfw.partition.block_data import BlocksConfig
 from gsfw.partition.document import FILE, read_partition
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import restore
 
 
 @pytest.fixture
@@ -134,3 +139,24 @@ def test_coordinates_of_millions_change_nothing_of_what_is_trained_on(tmp_path):
         assert (one.world_to_camera - other.world_to_camera).abs().max() < 1e-6
     shift = far.world_from_scene.translation - near.world_from_scene.translation
     assert np.allclose(shift, torch.tensor(origin, dtype=torch.float64), atol=1e-8)
+
+
+def test_a_run_far_from_the_origin_shows_the_same_picture(tmp_path):
+    shown = []
+    for name, place in (("near", (0.0, 0.0, 0.0)), ("far", (4.5e6, -3.1e6, 250.0))):
+        write_street(tmp_path / name, origin=place)
+        cut, out = tmp_path / f"cut-{name}", tmp_path / f"run-{name}"
+        assert main(["partition", str(tmp_path / name), f"out={cut}", "blocks=2"]) == 0
+        words = ["method=3dgs", f"data={cut}", "datamanager.block=b0", "steps=8", "report=false"]
+        assert main(["train", *words, f"out={out}"]) == 0
+        parts = restore(RunFolder(out), installed()).composition.parts
+        (batch,) = parts.data.load(Split.TRAIN, [3], parts.device)
+        with torch.no_grad():
+            found = render_model(parts.model, parts.rasterizer, batch.cameras, RenderSettings())
+        shown.append((found.color, json.loads((out / "metrics.json").read_text())["psnr"]))
+        parts.data.close()
+    (near, near_psnr), (far, far_psnr) = shown
+    assert near.std() > 0.01
+    # Places are rounded to 1e-9 before they are read, and Adam's first steps are by signs.
+    assert -10 * (near - far).square().mean().log10() > 60
+    assert abs(near_psnr - far_psnr) < 1e-3

@@ -12,15 +12,30 @@ SIDE = 32
 
 
 def write_street(
-    folder: Path, views: int = 16, points: int = 400, origin=(0.0, 0.0, 0.0), length: float = 12.0
+    folder: Path,
+    views: int = 16,
+    points: int = 400,
+    origin=(0.0, 0.0, 0.0),
+    length: float = 12.0,
+    cameras: tuple[float, float] | None = None,
 ) -> Path:
-    """A transforms.json with flat images, and points in double precision."""
+    """A transforms.json with flat images, and points in double precision.
+
+    Args:
+        folder: is made.
+        views: cameras, evenly along the street.
+        points: of the ground.
+        origin: place of the street in the world.
+        length: of the street.
+        cameras: the part of the street that they stand over; ``None``: all of it.
+    """
     generator = np.random.default_rng(3)
     (folder / "images").mkdir(parents=True)
     places = generator.uniform(-0.5, 0.5, (points, 3)) * np.array([length, 3.0, 0.2])
+    low, high = cameras or (-length / 2, length / 2)
     frames = []
     for number in range(views):
-        x = length * ((number + 0.5) / views - 0.5)
+        x = low + (high - low) * (number + 0.5) / views
         pose = np.eye(4)  # OpenGL's camera looks along -z: straight down.
         pose[:3, 3] = np.array([x, 0.3 * (-1) ** number, 2.0]) + np.array(origin)
         name = f"images/{number:03d}.png"

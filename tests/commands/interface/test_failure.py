@@ -5,7 +5,9 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.failure import RecordedError, report, tracebacks_in
@@ -50,6 +52,34 @@ def test_the_traceback_of_a_run_is_in_its_log(capsys, tmp_path):
     assert "error: gsfw failed unexpectedly: ZeroDivisionError: by zero" in said
     assert f"The traceback is in {folder.log}. This" in said
     assert "Traceback (most recent call last)" in said
+
+
+def out_of_torch():
+    torch.empty(1 << 50, dtype=torch.uint8)  # A petabyte.
+
+
+def out_of_numpy():
+    np.empty(1 << 50, dtype=np.uint8)
+
+
+def out_of_system():
+    raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+
+@pytest.mark.parametrize("allocate", [out_of_torch, out_of_numpy, out_of_system])
+def test_full_memory_is_a_sentence_with_a_remedy_and_no_bug(capsys, tmp_path, allocate):
+    with (
+        pytest.raises(RecordedError) as caught,
+        tracebacks_in(RunFolder(tmp_path), lambda: True),
+    ):
+        allocate()
+    assert report(caught.value, Console(), debug=False) == 1
+    assert capsys.readouterr().err == (
+        "error: there is no memory left, on this machine or below the limit of this process.\n"
+        "Shrink the images (downscale=2), keep fewer of them decoded (cache_mb=200), or limit the "
+        "number of Gaussians (strategy=mcmc strategy.cap_max=200000). A scene that fits nowhere is "
+        "trained in blocks: gsfw partition DATA out=DIR.\n"
+    )
 
 
 class Failing:

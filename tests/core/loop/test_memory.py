@@ -1,5 +1,8 @@
 """Memory of a piece of work is what it takes beyond what is held before."""
 
+import subprocess
+import sys
+
 import pytest
 import torch
 
@@ -29,6 +32,19 @@ def test_memory_that_was_used_and_freed_before_counts_again(supported):
     many()
     assert added_memory_mb(many, CPU) > 40.0
     assert added_memory_mb(many, CPU) > 40.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems count in another way")
+def test_the_peak_of_a_process_is_not_that_of_the_process_that_started_it():
+    start = """
+import subprocess, sys
+held = b"1" * 900_000_000
+code = "import torch; from gsfw.core.loop.memory import peak_memory_mb as peak;"
+code += "print(peak(torch.device('cpu'))['rss'])"
+sys.exit(subprocess.run([sys.executable, "-c", code]).returncode)
+"""
+    done = subprocess.run([sys.executable, "-c", start], capture_output=True, text=True, check=True)
+    assert 50 < float(done.stdout) < 800
 
 
 def test_work_that_takes_nothing_takes_nothing(supported):

@@ -1,0 +1,91 @@
+"""MemoryLimit: a limit of main memory for the processes that a benchmark starts.
+
+The limit is one for all processes together where the system lets this program make a control group:
+memory.limit_in_bytes of version 1, or memory.max of version 2. A process that needs more is killed.
+Elsewhere it is RLIMIT_AS, the address space of each process, which counts what is only reserved
+too: torch alone takes more than 1 GB of it. A process that asks for more is refused, and says so.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+GROUPS = Path("/sys/fs/cgroup")
+"""Mount point of control groups."""
+MEMBERSHIP = Path("/proc/self/cgroup")
+"""The control groups of this process."""
+
+
+@dataclass(frozen=True)
+class MemoryLimit:
+    """A limit that holds for a process from ``enter`` on."""
+
+    name: str
+    """Name of what enforces it."""
+    enter: Callable[[], None]
+    """Called in a new process before its program starts."""
+
+
+@contextmanager
+def memory_limit(megabytes: int, kind: str = "auto") -> Iterator[MemoryLimit]:
+    """Make a limit; a control group is removed at the end.
+
+    Args:
+        megabytes: of 1e6 bytes.
+        kind: "auto", or "address" for the address space of each process.
+    """
+    size = megabytes * 10**6
+    made = _group(size) if kind == "auto" else None
+    if made is None:
+        limits = (size, size)
+        enter = lambda: resource.setrlimit(resource.RLIMIT_AS, limits)  # noqa: E731
+        yield MemoryLimit("RLIMIT_AS of each process", enter)
+        return
+    group, name = made
+    processes = group / "cgroup.procs"
+    try:
+        yield MemoryLimit(name, lambda: _write(processes, os.getpid()))
+    finally:
+        group.rmdir()
+
+
+def _group(size: int) -> tuple[Path, str] | None:
+    """A new control group with a limit, and the limit's name; ``None`` where it cannot be made."""
+    name = f"gsfw-benchmark-{os.getpid()}"
+    for parent, file in _places():
+        group = parent / name
+        try:
+            group.mkdir()
+        except OSError:
+            continue
+        if (group / file).exists():  # A plain folder limits nothing.
+            try:
+                _write(group / file, size)
+                return group, f"{file} of a control group"
+            except OSError:
+                pass
+        group.rmdir()
+    return None
+
+
+def _places() -> Iterator[tuple[Path, str]]:
+    """Groups below which one may be made, and the file of its limit."""
+    try:
+        lines = MEMBERSHIP.read_text().splitlines()
+    except OSError:  # Not Linux.
+        return
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if "memory" in controllers.split(","):
+            yield GROUPS / "memory" / path.lstrip("/"), "memory.limit_in_bytes"
+        elif not controllers:
+            yield GROUPS / path.lstrip("/"), "memory.max"
+
+
+def _write(path: Path, number: int) -> None:
+    path.write_text(str(number))
