@@ -7,16 +7,22 @@ of several processes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
-from gsfw.core.render_output import RenderStatistics
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Splats
 
 if TYPE_CHECKING:
     from gsfw.core.loop.forward import RenderedBatch
@@ -26,6 +32,30 @@ if TYPE_CHECKING:
     from gsfw.core.table import SplatTable
 
 Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class RenderedPart:
+    """Rows of a model in one render: all of them, or a part of those of this process."""
+
+    splats: Splats
+    """Their splats, attached to the graph."""
+    statistics: RenderStatistics
+    """Their statistics; empty before the backward pass if other processes measure them."""
+    share: float = 1.0
+    """Fraction of all rows of the model."""
+    shown: Callable[[], AbstractContextManager[None]] = nullcontext
+    """Within this context the model has these rows alone."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """The images of a render, and the parts of the model in it."""
+
+    output: RenderOutput
+    splats: Splats
+    """All splats; such that cannot be read if other processes have some of them."""
+    parts: Sequence[RenderedPart]
 
 
 @dataclass(frozen=True)
@@ -82,6 +112,19 @@ class Team:
         """The views of a step that this process renders."""
         return views
 
+    def render(
+        self,
+        model: PrimitiveModel,
+        rasterizer: Rasterizer,
+        cameras: Cameras,
+        settings: RenderSettings,
+        time: Float[Tensor, ""] | None,
+    ) -> Rendering:
+        """Render a model at ``time``; its images are not decoded."""
+        splats = model.splats(time, cameras)
+        output = rasterizer.render(splats, cameras, settings)
+        return Rendering(output, splats, [RenderedPart(splats, output.statistics)])
+
     def rounds(
         self, batches: Sequence[Batch], views: tuple[int, ...]
     ) -> Iterator[tuple[int, Batch | None]]:
@@ -104,6 +147,10 @@ class Team:
     def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
         """Complete the gradients of a step; return the losses of all batches."""
         return [item.total.detach() for item in rendered]
+
+    def agreed(self, finite: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+        """True if it is so in all processes; called once in every step."""
+        return finite
 
     def observations(
         self,
@@ -129,6 +176,11 @@ class Team:
     def gathered(self, value: Value) -> list[Value]:
         """A value of each process, in order of rank; plain data."""
         return [value]
+
+    @property
+    def shares_rendering(self) -> bool:
+        """True if a process cannot render without the others: all of them evaluate then."""
+        return False
 
     def summary(self) -> Mapping[str, int]:
         """Figures for the run's summary; empty for one process."""

@@ -106,6 +106,10 @@ class Optimizer:
         """All optimized tensors, in the same order in every step."""
         return [tensor for group in self._tensors().values() for tensor in group]
 
+    def group_tensors(self) -> list[Tensor]:
+        """The optimized tensors that belong to no row, in the same order in every step."""
+        return [tensor for group in self._groups() for tensor in group.parameters]
+
     def gradients(self) -> list[Tensor]:
         """All current gradients."""
         return [tensor.grad for tensor in self.tensors() if tensor.grad is not None]

@@ -92,6 +92,7 @@ class Update:
         parts = self._parts
         losses = parts.team.finish(rendered, parts.optimizer)
         finite = parts.operators.all_finite([*losses, *parts.optimizer.gradients()])
+        finite = parts.team.agreed(finite)
         self._skipped += ~finite
         self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
         return finite

@@ -1,0 +1,194 @@
+"""Gaussian parallel: the rows of a model are divided among processes, and so is every image.
+
+Zhao et al. 2024 (On Scaling Up 3D Gaussian Splatting Training, Grendel-GS) divide rows, exchange
+projected Gaussians, and divide images. Every process renders its part of every view (``view``) and
+then has the whole image: losses, decoders and decisions are computed by all alike, so that methods
+and strategies need no change. A process has the rows, gradients and moments of its parts alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.context import StepContext
+from gsfw.core.loop.forward import Absent, RenderedBatch
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.team import Observation, RenderedPart, Rendering, Team, Value
+from gsfw.parallel.divided.division import Division
+from gsfw.parallel.divided.view import View
+from gsfw.parallel.group import Group
+
+
+STATISTICS = tuple(item.name for item in fields(RenderStatistics))
+Gradients = list[tuple[Tensor, Tensor | None]]
+"""Tensors, with the gradients that they had."""
+
+
+class GaussianParallel(Team):
+    """The rows of the model and the bands of images are divided among processes."""
+
+    splits_views = True
+
+    def __init__(self, group: Group, parts: int, num_rows: int) -> None:
+        """Start before the first step.
+
+        Args:
+            group: the processes.
+            parts: of rows and images; at least as many as processes.
+            num_rows: rows of all processes.
+        """
+        self._group, self.num_rows = group, num_rows
+        self.size, self.rank = group.size, group.rank
+        self.division = Division(parts, group.size)
+        self._open: list[View] = []
+        self._statistics: list[RenderStatistics] = []
+
+    # Rendering.
+
+    def render(
+        self,
+        model: PrimitiveModel,
+        rasterizer: Rasterizer,
+        cameras: Cameras,
+        settings: RenderSettings,
+        time: Float[Tensor, ""] | None,
+    ) -> Rendering:
+        """Render one view with all processes; every process gets its images."""
+        view = View(
+            self._group, self.division, model, rasterizer, cameras, settings, time, self.num_rows
+        )
+        if torch.is_grad_enabled():
+            self._open.append(view)
+        shares = [part.window.count / max(self.num_rows, 1) for part in view.parts]
+        parts = [
+            RenderedPart(part.splats, view.output.statistics, share, part.window.shown)
+            for part, share in zip(view.parts, shares, strict=True)
+        ]
+        nowhere: Any = Absent(rows=None)
+        return Rendering(view.output, nowhere, parts)
+
+    def backward(self, rendered: RenderedBatch | None, optimizer: Optimizer) -> None:
+        """Go back from the losses to the rows of this process, part by part."""
+        assert rendered is not None
+        share, tensors = rendered.context.share, optimizer.group_tensors()
+        before = _taken(tensors)
+        data = [rendered.losses[name] for name in rendered.data_losses]
+        (torch.stack(data).sum() * share).backward()
+        of_images = _taken(tensors)
+        statistics = [view.back() for view in self._open]
+        of_parts = []
+        for place, terms in enumerate(rendered.by_rows):
+            self._part_backward(place, list(terms.values()), share)
+            if tensors:
+                of_parts.append(_flat(_taken(tensors)))
+        self._statistics.append(self._by_row(statistics[0]))
+        self._open.clear()
+        if tensors:
+            self._add_up(before, of_images, torch.stack(of_parts))
+
+    def _part_backward(self, place: int, terms: list[Tensor], share: float) -> None:
+        """The backward pass of one part of the rows, in all renders of the batch."""
+        roots = [view.parts[place].flat.values for view in self._open]
+        gradients = [view.part_gradients(place) for view in self._open]
+        terms = [term for term in terms if term.requires_grad]
+        if terms:
+            roots.append(torch.stack(terms).sum())
+            gradients.append(roots[-1].new_tensor(share))
+        torch.autograd.backward(roots, gradients)
+        for view in self._open:
+            view.parts[place].window.add_gradients()
+
+    def _add_up(
+        self,
+        before: Gradients,
+        of_images: Gradients,
+        of_parts: Float[Tensor, "parts k"],
+    ) -> None:
+        """Add up the gradients of tensors without rows: images first, then parts in order.
+
+        Every process has the whole gradient by the images, and that by its own rows.
+        """
+        counts = [len(self.division.parts_of(rank)) for rank in range(self.size)]
+        total = _flat(of_images)
+        for part in self._group.all_gather_rows(of_parts, counts):
+            total += part
+        start, sizes = 0, [tensor.numel() for tensor, _ in before]
+        present = total[sum(sizes) :] > 0
+        for (tensor, earlier), size, has in zip(before, sizes, present, strict=True):
+            if has:
+                found = total[start : start + size].view_as(tensor)
+                tensor.grad = found.clone() if earlier is None else earlier + found
+            start += size
+
+    def _by_row(self, parts: Sequence[RenderStatistics]) -> RenderStatistics:
+        """The statistics of all rows, from those of the parts of this process."""
+        counts = [len(self.division.rows_of(rank, self.num_rows)) for rank in range(self.size)]
+        names = [name for name in STATISTICS if getattr(parts[0], name) is not None]
+        own = torch.stack(
+            [torch.cat([getattr(part, name)[0].float() for part in parts]) for name in names], dim=1
+        )
+        found = self._group.all_gather_rows(own, counts).T.contiguous()
+        values = dict(zip(names, found[:, None], strict=True))
+        return RenderStatistics(**{**values, "visible": values["visible"].bool()})
+
+    def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
+        """The losses of all batches."""
+        return [item.total.detach() for item in rendered]
+
+    def agreed(self, finite: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+        """True if it is so in all processes, whose rows are others."""
+        return self._group.all_gather(finite.to(torch.uint8)).bool().all()
+
+    # After the optimizer step.
+
+    def observations(
+        self,
+        rendered: Sequence[RenderedBatch],
+        refiners: Refiners,
+        absent: Callable[[int], StepContext],
+    ) -> Iterator[Observation]:
+        """All batches, with the statistics of all rows."""
+        for item, statistics in zip(rendered, self._statistics, strict=True):
+            context = replace(item.context, splats=absent(item.context.batch.views[0]).splats)
+            yield Observation(context, statistics, item.data_loss.detach())
+        self._statistics.clear()
+
+    @property
+    def shares_rendering(self) -> bool:
+        """True: no process has all rows."""
+        return True
+
+    def gathered(self, value: Value) -> list[Value]:
+        """A value of each process."""
+        return self._group.gathered(value)
+
+    def summary(self) -> Mapping[str, int]:
+        """Number of processes, and the bytes that this one has sent to others."""
+        return {"processes": self.size, "bytes_sent": self._group.bytes_sent}
+
+
+def _taken(tensors: Sequence[Tensor]) -> Gradients:
+    """Take the gradients away from tensors."""
+    found = [tensor.grad for tensor in tensors]
+    for tensor in tensors:
+        tensor.grad = None
+    return [*zip(tensors, found, strict=True)]
+
+
+def _flat(gradients: Gradients) -> Float[Tensor, " k"]:
+    """Gradients one after another, 0 for those that are absent, then 1 for those that are there."""
+    values = [torch.zeros_like(t) if g is None else g for t, g in gradients]
+    present = values[0].new_tensor([float(g is not None) for _, g in gradients])
+    return torch.cat([*(value.flatten() for value in values), present])
