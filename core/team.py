@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import torch
@@ -94,6 +94,10 @@ class Team:
         Raises:
             ConfigError: one does not; names it.
         """
+
+    def share(self, parts: TrainingParts) -> TrainingParts:
+        """The parts of a run as this process has them, such as some of the rows."""
+        return replace(parts, team=self)
 
     def stops(self, wanted: bool, table: SplatTable, generator: torch.Generator) -> bool:
         """True if any process wants to stop; called before every step.

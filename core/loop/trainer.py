@@ -145,7 +145,7 @@ class Trainer:
                 self.step,
                 self.plan.steps,
                 parts.table,
-                parts.model,
+                parts.refined,
                 parts.generator,
                 limits,
                 parts.operators,

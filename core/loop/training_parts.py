@@ -71,6 +71,14 @@ class TrainingParts:
     """A model that is rendered in place of it, such as the same with rounded columns; ``None``:
     the model itself."""
 
+    edited: PrimitiveModel | None = None
+    """The model as refiners see it, if this process has a part of its rows; ``None``: itself."""
+
+    @property
+    def refined(self) -> PrimitiveModel:
+        """The model that refiners observe and edit: all its rows."""
+        return self.model if self.edited is None else self.edited
+
     @property
     def shown(self) -> PrimitiveModel:
         """The model that steps and evaluations render."""

@@ -124,7 +124,7 @@ class Update:
             return forward.absent(view, step, 1 / len(views))
 
         for seen in parts.team.observations(rendered, parts.refiners, absent):
-            parts.refiners.observe(seen.context, seen.statistics.where(finite), parts.model)
+            parts.refiners.observe(seen.context, seen.statistics.where(finite), parts.refined)
             batch = seen.context.batch.views
             with torch.no_grad():
                 loss = torch.where(finite, seen.data_loss, 0.0)

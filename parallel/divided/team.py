@@ -13,14 +13,15 @@ from dataclasses import fields, replace
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
 from gsfw.core.loop.forward import Absent, RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
-from gsfw.core.model import PrimitiveModel
+from gsfw.core.loop.training_parts import TrainingParts
+from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_output import RenderStatistics
@@ -41,19 +42,74 @@ class GaussianParallel(Team):
 
     splits_views = True
 
-    def __init__(self, group: Group, parts: int, num_rows: int) -> None:
+    def __init__(self, group: Group, parts: int) -> None:
         """Start before the first step.
 
         Args:
             group: the processes.
             parts: of rows and images; at least as many as processes.
-            num_rows: rows of all processes.
         """
-        self._group, self.num_rows = group, num_rows
+        self._group = group
+        self.num_rows = 0
+        """Rows of all processes."""
         self.size, self.rank = group.size, group.rank
         self.division = Division(parts, group.size)
         self._open: list[View] = []
         self._statistics: list[RenderStatistics] = []
+
+    def share(self, parts: TrainingParts) -> TrainingParts:
+        """The same parts with the rows of this process alone."""
+        from gsfw.parallel.divided.rows import DividedRows
+        from gsfw.parallel.divided.table import DividedTable
+
+        self.num_rows = len(parts.table)
+        own = self.own_rows
+        parts.table.keep(torch.arange(own.start, own.stop, device=parts.device))
+        model = parts.model
+        return replace(
+            parts,
+            team=self,
+            table=DividedTable(model, parts.optimizer, self),
+            edited=DividedRows(model, self) if isinstance(model, DensifiableModel) else None,
+        )
+
+    # Rows.
+
+    @property
+    def own_rows(self) -> range:
+        """The rows of this process, among all."""
+        return self.division.rows_of(self.rank, self.num_rows)
+
+    @property
+    def counts(self) -> list[int]:
+        """Number of rows of each process."""
+        return [len(self.division.rows_of(rank, self.num_rows)) for rank in range(self.size)]
+
+    def all_rows(self, values: Shaped[Tensor, "own ..."]) -> Shaped[Tensor, "n ..."]:
+        """The values of all rows, from those of this process."""
+        return self._group.all_gather_rows(values, self.counts)
+
+    def deliver(
+        self, rows: Mapping[str, Tensor], owners: Int[Tensor, " r"]
+    ) -> dict[str, Tensor]:
+        """Bring rows to the processes that shall have them; those from the first process first.
+
+        Args:
+            rows: tensors [r, ...], by name.
+            owners: rank of the new owner of each row.
+        """
+        order = owners.argsort(stable=True)
+        sent = owners.bincount(minlength=self.size)
+        table = self._group.all_gather(sent).tolist()
+        received = [line[self.rank] for line in table]
+        return {
+            name: torch.cat(
+                self._group.exchange_rows(
+                    values.index_select(0, order).split(sent.tolist()), received
+                )
+            )
+            for name, values in rows.items()
+        }
 
     # Rendering.
 
@@ -134,12 +190,11 @@ class GaussianParallel(Team):
 
     def _by_row(self, parts: Sequence[RenderStatistics]) -> RenderStatistics:
         """The statistics of all rows, from those of the parts of this process."""
-        counts = [len(self.division.rows_of(rank, self.num_rows)) for rank in range(self.size)]
         names = [name for name in STATISTICS if getattr(parts[0], name) is not None]
         own = torch.stack(
             [torch.cat([getattr(part, name)[0].float() for part in parts]) for name in names], dim=1
         )
-        found = self._group.all_gather_rows(own, counts).T.contiguous()
+        found = self.all_rows(own).T.contiguous()
         values = dict(zip(names, found[:, None], strict=True))
         return RenderStatistics(**{**values, "visible": values["visible"].bool()})
 
