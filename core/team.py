@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -176,6 +176,22 @@ class Team:
     def visible(self, visible: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
         """Rows that any process has seen."""
         return visible
+
+    def whole(self, state: dict[str, Any], parts: TrainingParts) -> dict[str, Any] | None:
+        """The state of a run with all rows of its model.
+
+        Args:
+            state: of this process.
+            parts: of this process.
+
+        Returns:
+            The state for a checkpoint; ``None`` in processes that write none.
+        """
+        return state if self.leads else None
+
+    def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
+        """The state of this process, from that of a checkpoint."""
+        return state
 
     def gathered(self, value: Value) -> list[Value]:
         """A value of each process, in order of rank; plain data."""

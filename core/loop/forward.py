@@ -19,7 +19,7 @@ from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.returns import HOW_TO_TERM, checked_terms
-from gsfw.core.team import RenderedPart, Rendering
+from gsfw.core.team import RenderedPart
 
 
 @dataclass(frozen=True)
@@ -89,19 +89,12 @@ class Forward:
         settings = self._with_refiners(base, step)
         background = settings.background
         assert background is not None
-
-        def draw(
-            cameras: Cameras, settings: RenderSettings, time: Float[Tensor, ""] | None
-        ) -> Rendering:
-            found = parts.team.render(parts.shown, parts.rasterizer, cameras, settings, time)
-            return replace(found, output=parts.shown.decode(found.output, cameras))
-
-        rendering = draw(batch.cameras, settings, batch.time)
+        rendering = parts.render(batch.cameras, settings, batch.time)
         splats = rendering.splats
         bare = replace(base, statistics=frozenset(), contribution_weights=None)
 
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
-            return draw(cameras, bare, time).output
+            return parts.render(cameras, bare, time).output
 
         def contributions(weights: Float[Tensor, "c h w 1"]) -> Float[Tensor, "c m"]:
             return parts.rasterizer.contributions(splats, batch.cameras, weights, settings)
@@ -141,9 +134,7 @@ class Forward:
             contributions=nothing,
         )
 
-    def _with_losses(
-        self, context: StepContext, rendered: Sequence[RenderedPart]
-    ) -> RenderedBatch:
+    def _with_losses(self, context: StepContext, rendered: Sequence[RenderedPart]) -> RenderedBatch:
         """The batch with its terms, which are checked: those of plugins have any form.
 
         Raises:
@@ -222,6 +213,18 @@ def culprits(rendered: list[RenderedBatch]) -> str:
         if not value.isfinite()
     }
     return f" Loss terms that are not finite: {', '.join(found)}." if found else ""
+
+
+def without_data(rendered: list[RenderedBatch]) -> list[RenderedBatch]:
+    """The batches with the terms of the rows alone."""
+    return [
+        replace(
+            item,
+            losses={k: v for k, v in item.losses.items() if k not in item.data_losses},
+            data_losses=(),
+        )
+        for item in rendered
+    ]
 
 
 def shared_losses(rendered: list[RenderedBatch]) -> dict[str, float]:

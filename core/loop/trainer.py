@@ -17,7 +17,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
-from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses
+from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses, without_data
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -180,7 +180,7 @@ class Trainer:
         is_evaluated = any(
             evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
         )
-        if is_evaluated and is_calm and self.parts.team.leads:
+        if is_evaluated and is_calm and self._takes_part:
             self._evaluate()
             self._stopwatch.restart()
         due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
@@ -195,7 +195,9 @@ class Trainer:
     def _report(self, rendered: list[RenderedBatch]) -> None:
         self._catch_up()
         team = self.parts.team
-        own = (shared_losses(rendered), peak_memory_mb(self.parts.device))
+        # Processes that share rendering have the same images, and their own rows.
+        named = rendered if team.leads or not team.shares_rendering else without_data(rendered)
+        own = (shared_losses(named), peak_memory_mb(self.parts.device))
         losses, memory = map(_summed, zip(*team.gathered(own), strict=True))
         if not team.leads:
             return
@@ -230,9 +232,10 @@ class Trainer:
     def _check_skipped(self, rendered: list[RenderedBatch]) -> None:
         """Stop after too many steps in a row that were not finite; reads the flag rarely.
 
-        Only the first of several processes does, and ends the others.
+        Only the first of several processes does, and ends the others, unless all have to
+        write the state together.
         """
-        if not self.parts.team.leads:
+        if not self._takes_part:
             return
         self._catch_up()
         skipped_in_a_row = self._updates.skipped_in_a_row
@@ -258,12 +261,8 @@ class Trainer:
         """The evaluation of the model as it is, with its findings."""
         parts = self.parts
         evaluation = evaluate(
-            parts.shown,
-            parts.rasterizer,
-            parts.data,
-            parts.metrics,
+            parts,
             self.plan.settings,
-            parts.device,
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
             baselines=self._verdict.baselines,
@@ -275,7 +274,7 @@ class Trainer:
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
-        if not self.parts.team.leads:
+        if not self._takes_part:
             return {"completed": completed}
         if self._checkpointed != self.walk.updates:
             self._checkpoint()
@@ -311,13 +310,21 @@ class Trainer:
 
     # State.
 
+    @property
+    def _takes_part(self) -> bool:
+        """True if this process evaluates and gathers checkpoints: the first one, or all."""
+        return self.parts.team.leads or self.parts.team.shares_rendering
+
     def _checkpoint(self) -> None:
         self._catch_up()
-        if not self.parts.team.leads:
+        if not self._takes_part:
+            return
+        self._checkpointed = self.walk.updates
+        state = self.parts.team.whole(self.state_dict(), self.parts)
+        if state is None:
             return
         with stage("writing a checkpoint"), self.walk.apart():
-            path = self.folder.write_checkpoint(self.step, self.state_dict())
-        self._checkpointed = self.walk.updates
+            path = self.folder.write_checkpoint(self.step, state)
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
@@ -342,6 +349,7 @@ class Trainer:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from a checkpoint of any device."""
         parts = self.parts
+        state = parts.team.own_state(state, parts)
         parts.model.load_state_dict(state["model"])
         parts.corrections.load_state(state)
         parts.optimizer.load_state_dict(state["optimizer"])

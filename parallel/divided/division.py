@@ -40,9 +40,7 @@ class Division:
 
     def lengths(self, rank: int, rows: int) -> list[int]:
         """Number of rows of each part of a process, of all ``rows``."""
-        return [
-            self.start(part + 1, rows) - self.start(part, rows) for part in self.parts_of(rank)
-        ]
+        return [self.start(part + 1, rows) - self.start(part, rows) for part in self.parts_of(rank)]
 
     def band_height(self, height: int) -> int:
         """Height of the bands of an image, in pixels, but for the last one."""

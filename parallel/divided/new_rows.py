@@ -38,9 +38,7 @@ class NewRows(Mapping[str, Rows]):
     def after(self, first: NewRows, columns: Mapping[str, Column]) -> NewRows:
         """The rows of ``first``, then these."""
         places = torch.cat([first.places, first.count + self.places])
-        return NewRows(
-            first.count + self.count, places, joined([first.rows, self.rows], columns)
-        )
+        return NewRows(first.count + self.count, places, joined([first.rows, self.rows], columns))
 
 
 def joined(parts: list[Children], columns: Mapping[str, Column]) -> Children:

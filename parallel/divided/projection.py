@@ -54,7 +54,9 @@ def project(splats: Splats, camera: Cameras, settings: RenderSettings) -> FlatSp
         rows = visible.nonzero()[:, 0]
         top, bottom = (values[:, 1] - reach)[rows], (values[:, 1] + reach)[rows]
     seen = splats.take(rows)
-    channels = [_colors(seen, camera)] if seen.extra is None else [_colors(seen, camera), seen.extra]
+    channels = (
+        [_colors(seen, camera)] if seen.extra is None else [_colors(seen, camera), seen.extra]
+    )
     return FlatSplats(
         rows, torch.cat([_shapes(seen, camera, settings), *channels], dim=1), top, bottom
     )

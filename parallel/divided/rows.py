@@ -179,7 +179,8 @@ class DividedRows(DensifiableModel):
             seed = int(torch.randint(SEEDS, (), generator=generator, device=device))
         for part in team.division.parts_of(team.rank):
             rows = range(
-                team.division.start(part, self.num_rows), team.division.start(part + 1, self.num_rows)
+                team.division.start(part, self.num_rows),
+                team.division.start(part + 1, self.num_rows),
             )
             own = None
             if generator is not None:

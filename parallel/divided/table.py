@@ -99,9 +99,7 @@ class DividedTable(SplatTable):
         """Rows in the processes that have their places among ``total``, with these places."""
         division = self._team.division
         ends = [division.rows_of(rank, total).stop for rank in range(division.size)]
-        owners = torch.searchsorted(
-            torch.tensor(ends, device=targets.device), targets, right=True
-        )
+        owners = torch.searchsorted(torch.tensor(ends, device=targets.device), targets, right=True)
         return self._team.deliver({**rows, PLACE: targets}, owners)
 
     @torch.no_grad()

@@ -89,9 +89,14 @@ class GaussianParallel(Team):
         """The values of all rows, from those of this process."""
         return self._group.all_gather_rows(values, self.counts)
 
-    def deliver(
-        self, rows: Mapping[str, Tensor], owners: Int[Tensor, " r"]
-    ) -> dict[str, Tensor]:
+    def to_first(self, values: Shaped[Tensor, "own ..."]) -> Shaped[Tensor, "n ..."] | None:
+        """The values of all rows, in the first process; ``None`` in the others."""
+        nothing = [values[:0]] * (self.size - 1)
+        received = self.counts if self.leads else [0] * self.size
+        found = self._group.exchange_rows([values, *nothing], received)
+        return torch.cat(found) if self.leads else None
+
+    def deliver(self, rows: Mapping[str, Tensor], owners: Int[Tensor, " r"]) -> dict[str, Tensor]:
         """Bring rows to the processes that shall have them; those from the first process first.
 
         Args:
@@ -224,6 +229,20 @@ class GaussianParallel(Team):
     def shares_rendering(self) -> bool:
         """True: no process has all rows."""
         return True
+
+    def whole(self, state: dict[str, Any], parts: TrainingParts) -> dict[str, Any] | None:
+        """The state with all rows, in the first process."""
+        from gsfw.parallel.divided.state import whole
+
+        found = whole(state, parts.model, self.to_first)
+        return found if self.leads else None
+
+    def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
+        """The state with the rows of this process."""
+        from gsfw.parallel.divided.state import num_rows, part
+
+        self.num_rows = num_rows(state, parts.model)
+        return part(state, parts.model, self.own_rows)
 
     def gathered(self, value: Value) -> list[Value]:
         """A value of each process."""

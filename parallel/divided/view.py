@@ -217,8 +217,10 @@ class View:
         sent = [
             torch.cat(
                 [self._nothing_measured()]
-                + [line.split(list(band.counts))[rank]
-                    for line, band in zip(lines, self.bands, strict=True)]
+                + [
+                    line.split(list(band.counts))[rank]
+                    for line, band in zip(lines, self.bands, strict=True)
+                ]
             )
             for rank in range(group.size)
         ]
