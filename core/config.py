@@ -291,6 +291,8 @@ class MethodConfig(ABC):
     """Device of the training: auto, cpu, cuda or cuda:N."""
     processes: int = number(0, at_least=0)
     """Processes that share the views of a step; 0: one. 1 has the bits of any number of them."""
+    shards: int = number(0, at_least=0)
+    """Shards of the Gaussians and of each image, for any number of processes; 0: undivided."""
     init: str = AUTO
     """Initial splats: auto (points if any), points, random, dense (from the images), or a file."""
     dense_points: int = number(0, at_least=0)

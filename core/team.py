@@ -193,6 +193,10 @@ class Team:
         """The state of this process, from that of a checkpoint."""
         return state
 
+    def reunited(self, parts: TrainingParts) -> TrainingParts:
+        """The parts of a run that has ended, with all rows in the first process."""
+        return parts
+
     def gathered(self, value: Value) -> list[Value]:
         """A value of each process, in order of rank; plain data."""
         return [value]

@@ -286,6 +286,8 @@ class Trainer:
             summary |= evaluation.time_document() | evaluation.verdict_document()
         else:
             summary["stopped"] = self.control.stop_reason
+        team = self.parts.team
+        self.parts = team.reunited(self.parts)
         summary |= {
             "num_gaussians": len(self.parts.table),
             "train_seconds": round(self.train_seconds, 3),
@@ -293,7 +295,7 @@ class Trainer:
             **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
             "skipped_steps": self._updates.skipped,
             **self._sizes(),
-            **self.parts.team.summary(),
+            **team.summary(),
             **self.parts.corrections.summary(),
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),

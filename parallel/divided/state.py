@@ -47,7 +47,7 @@ def part(state: Mapping[str, Any], model: PrimitiveModel, rows: range) -> dict[s
 def num_rows(state: Mapping[str, Any], model: PrimitiveModel) -> int:
     """Number of rows of a checkpoint."""
     key, column = next(iter(_keys(model).items()))
-    return _by_row(column, state["model"][key]).shape[0]
+    return by_row(column, state["model"][key]).shape[0]
 
 
 def _changed(
@@ -58,8 +58,8 @@ def _changed(
     """The state with other rows, column by column."""
 
     def changed(column: Column, values: Tensor) -> Tensor | None:
-        rows = change(_by_row(column, values).contiguous())
-        return None if rows is None else _by_row(column, rows).contiguous()
+        rows = change(by_row(column, values).contiguous())
+        return None if rows is None else by_row(column, rows).contiguous()
 
     tensors = dict(state["model"])
     for key, column in _keys(model).items():
@@ -85,6 +85,6 @@ def _keys(model: PrimitiveModel) -> dict[str, Column]:
     }
 
 
-def _by_row(column: Column, values: Tensor) -> Tensor:
+def by_row(column: Column, values: Tensor) -> Tensor:
     """A tensor laid out like a column with its rows along the first axis, or back."""
     return values.movedim(0, 1) if column.layout is Layout.STACKED else values

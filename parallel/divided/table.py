@@ -6,13 +6,14 @@ import torch
 from jaxtyping import Bool, Int
 from torch import Tensor
 
-from gsfw.core.column import Column, Layout, Rows
+from gsfw.core.column import Rows
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import Children, PrimitiveModel
 from gsfw.core.operators import AdamMoments
 from gsfw.core.table import SplatTable
 from gsfw.parallel.divided.new_rows import NewRows
+from gsfw.parallel.divided.state import by_row
 from gsfw.parallel.divided.team import GaussianParallel
 
 PLACE = ":place"
@@ -60,15 +61,19 @@ class DividedTable(SplatTable):
         team.num_rows = total
         order = found.pop(PLACE).argsort()
         for name, column in self._model.columns().items():
-            column.assign(Rows(_laid_out(column, found[name].index_select(0, order))))
+            column.assign(Rows(by_row(column, found[name].index_select(0, order)).contiguous()))
             if column.trained:
                 states = self._optimizer.moments(name)
                 self._optimizer.replace_moments(
                     name,
                     [
                         AdamMoments(
-                            _laid_out(column, found[f"{name}:first"].index_select(0, order)),
-                            _laid_out(column, found[f"{name}:second"].index_select(0, order)),
+                            by_row(
+                                column, found[f"{name}:first"].index_select(0, order)
+                            ).contiguous(),
+                            by_row(
+                                column, found[f"{name}:second"].index_select(0, order)
+                            ).contiguous(),
                             state.count,
                         )
                         for state in states
@@ -90,7 +95,7 @@ class DividedTable(SplatTable):
                 if new is not None:
                     fresh = new.rows[name] if key == name else Rows.zeros_like(new.rows[name])
                     rows = column.join(rows, fresh)
-                found[key] = _by_row(column, rows.values)
+                found[key] = by_row(column, rows.values)
         return found
 
     def _delivered(
@@ -106,11 +111,11 @@ class DividedTable(SplatTable):
     def replace(self, rows: Int[Tensor, " r"], children: Children) -> None:
         """Overwrite some of all rows in place."""
         new, columns = self._new(children), self._model.columns()
-        sent = {name: _by_row(columns[name], new.rows[name].values) for name in columns}
+        sent = {name: by_row(columns[name], new.rows[name].values) for name in columns}
         found = self._delivered(sent, rows[new.places], len(self))
         own = found.pop(PLACE) - self._team.own_rows.start
         for name, column in columns.items():
-            column.write(own, Rows(_laid_out(column, found[name])))
+            column.write(own, Rows(by_row(column, found[name]).contiguous()))
         super().reset_rows(own)
         self.row_edits += 1
 
@@ -143,13 +148,3 @@ class DividedTable(SplatTable):
             "a refiner has made rows of its own for a model that is divided among processes.",
             "Train with divide=views, or with strategy=adc or strategy=mcmc.",
         )
-
-
-def _by_row(column: Column, values: Tensor) -> Tensor:
-    """The rows of a tensor laid out like a column, along its first axis."""
-    return values.movedim(1, 0) if column.layout is Layout.STACKED else values
-
-
-def _laid_out(column: Column, rows: Tensor) -> Tensor:
-    """Rows along the first axis, as the column has them."""
-    return rows.movedim(0, 1).contiguous() if column.layout is Layout.STACKED else rows

@@ -16,8 +16,10 @@ import torch
 from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor
 
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.column import Layout, Rows
 from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
 from gsfw.core.loop.forward import Absent, RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.training_parts import TrainingParts
@@ -26,21 +28,22 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.team import Observation, RenderedPart, Rendering, Team, Value
+from gsfw.core.table import SplatTable
+from gsfw.core.team import ALONE, Observation, RenderedPart, Rendering
 from gsfw.parallel.divided.division import Division
+from gsfw.parallel.divided.state import by_row, num_rows, whole
+from gsfw.parallel.divided.state import part as part_of
 from gsfw.parallel.divided.view import View
 from gsfw.parallel.group import Group
-
+from gsfw.parallel.parallel_team import ParallelTeam
 
 STATISTICS = tuple(item.name for item in fields(RenderStatistics))
 Gradients = list[tuple[Tensor, Tensor | None]]
 """Tensors, with the gradients that they had."""
 
 
-class GaussianParallel(Team):
+class GaussianParallel(ParallelTeam):
     """The rows of the model and the bands of images are divided among processes."""
-
-    splits_views = True
 
     def __init__(self, group: Group, parts: int) -> None:
         """Start before the first step.
@@ -49,13 +52,29 @@ class GaussianParallel(Team):
             group: the processes.
             parts: of rows and images; at least as many as processes.
         """
-        self._group = group
+        super().__init__(group)
         self.num_rows = 0
         """Rows of all processes."""
-        self.size, self.rank = group.size, group.rank
         self.division = Division(parts, group.size)
         self._open: list[View] = []
         self._statistics: list[RenderStatistics] = []
+
+    def check(self, parts: TrainingParts) -> None:
+        """Refuse parts that need all rows, or more of the images than their pixels."""
+        super().check(parts)
+        refused = [_why_not(parts)] + [
+            f"{type(refiner).__name__} ({refiner.name}) reads the columns of the model"
+            for refiner in parts.refiners
+            if not refiner.divisible
+        ]
+        if self.size > self.division.parts:
+            refused.append(f"there are {self.size} processes, more than shards")
+        for reason in filter(None, refused):
+            raise ConfigError(
+                f"shards={self.division.parts}: {reason}.",
+                "Train with shards=0, where every process has all Gaussians and renders its own "
+                "views, or with another method or strategy.",
+            )
 
     def share(self, parts: TrainingParts) -> TrainingParts:
         """The same parts with the rows of this process alone."""
@@ -232,25 +251,44 @@ class GaussianParallel(Team):
 
     def whole(self, state: dict[str, Any], parts: TrainingParts) -> dict[str, Any] | None:
         """The state with all rows, in the first process."""
-        from gsfw.parallel.divided.state import whole
-
         found = whole(state, parts.model, self.to_first)
         return found if self.leads else None
 
     def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
         """The state with the rows of this process."""
-        from gsfw.parallel.divided.state import num_rows, part
-
         self.num_rows = num_rows(state, parts.model)
-        return part(state, parts.model, self.own_rows)
+        return part_of(state, parts.model, self.own_rows)
 
-    def gathered(self, value: Value) -> list[Value]:
-        """A value of each process."""
-        return self._group.gathered(value)
+    def reunited(self, parts: TrainingParts) -> TrainingParts:
+        """The same with all rows in the first process, which trains no more.
 
-    def summary(self) -> Mapping[str, int]:
-        """Number of processes, and the bytes that this one has sent to others."""
-        return {"processes": self.size, "bytes_sent": self._group.bytes_sent}
+        Its optimizer keeps the moments of its own rows: their bytes are those of training.
+        """
+        for column in parts.model.columns().values():
+            found = self.to_first(by_row(column, column.values.detach()))
+            if found is not None:
+                column.assign(Rows(by_row(column, found)))
+        if not self.leads:
+            return parts
+        table = SplatTable(parts.model, parts.optimizer)
+        return replace(parts, team=ALONE, table=table, edited=None)
+
+
+def _why_not(parts: TrainingParts) -> str:
+    """The cause why a run cannot be divided by rows; empty if it can."""
+    columns = parts.model.columns()
+    ragged = [name for name, column in columns.items() if column.layout is Layout.RAGGED]
+    if not parts.model.divisible:
+        return f"rows of {type(parts.model).__name__} depend on other rows"
+    if ragged:
+        return f"the column {ragged[0]!r} has rows of different lengths"
+    if parts.rendered is not None:
+        return "a model with rounded columns is rendered whole"
+    if parts.optimizer.sparse:
+        return "optim.sparse=true needs the rows that any view has seen"
+    if CameraModel.ORTHOGRAPHIC not in parts.rasterizer.capabilities().camera_models:
+        return f"{type(parts.rasterizer).__name__} has no orthographic cameras"
+    return ""
 
 
 def _taken(tensors: Sequence[Tensor]) -> Gradients:

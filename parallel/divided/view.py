@@ -114,7 +114,7 @@ class View:
 
     def _rendered(self, rasterizer: Rasterizer) -> list[Band]:
         """Exchange flat splats, and render the bands of this process."""
-        group, division = self._group, self._division
+        group = self._group
         counts = torch.tensor([sum(len(part.sent[b]) for part in self.parts) for b in self._all()])
         table: list[list[int]] = group.all_gather(counts.to(group.device)).tolist()
         sent = [
