@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from gsfw.plugins.registry import did_you_mean, installed
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.runs import RunArgument
+    from gsfw.core.loop.timekeeper import Timekeeper
     from gsfw.core.loop.trainer import Trainer
     from gsfw.core.team import Team
     from gsfw.plugins.restore import Restored
@@ -127,58 +129,57 @@ def resume_together(
 ) -> int:
     """Continue a run with a team of processes, as ``resume_run`` does."""
     from gsfw.commands.interface.new_run import OTHERS
-    from gsfw.core.files.folder_lock import only_one
-
-    if not team.leads:
-        return _go_on(found, changed, command, caller, began, team)
-    with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
-        return _go_on(found, changed, command, caller, began, team)
-
-
-def _go_on(
-    found: RunArgument,
-    changed: Mapping[str, Any],
-    command: Sequence[str],
-    caller: Caller,
-    began: float,
-    team: Team,
-) -> int:
-    """Restore a run and train on with a team of processes; return the exit code."""
     from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, follow
-    from gsfw.core.loop.machine_clock import MachineClock
-    from gsfw.planning.plan import resumed_timekeeper
+    from gsfw.core.files.folder_lock import only_one
     from gsfw.planning.record import read_plan, recorded
-    from gsfw.plugins.loading import check_callbacks
 
     console = caller.console
-    with stage(f"opening {found.name}"):
-        restored = together(team, lambda: _opened(found, changed, team))
-    if _is_finished(restored, console):
-        return 0
-    for change in restored.changes():
-        console.warn(f"{change}: the result may differ in its last bits from an unstopped run's.")
-    composition, folder = restored.composition, restored.folder
+    with ExitStack() as stack:
+        if team.leads:
+            stack.enter_context(only_one(found.folder.path, OTHERS, "Wait for it, or end it."))
+        with stage(f"opening {found.name}"):
+            restored = together(team, lambda: _opened(found, changed, team))
+        if _is_finished(restored, console):
+            return 0
+        for change in restored.changes():
+            console.warn(
+                f"{change}: the result may differ in its last bits from an unstopped run's."
+            )
+        trainer, keeper = _trainer(restored, changed, caller, began, team)
+        if not team.leads:
+            return follow(trainer)
+        composition, folder = restored.composition, restored.folder
+        if changed:
+            _write_settings(composition.settings, trainer, command)
+        remember_run(folder.path)
+        console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
+        if keeper is not None:
+            plan = read_plan(folder)
+            stack.enter_context(recorded(trainer, composition.settings, command, plan))
+        return caller.run(trainer, console)
+
+
+def _trainer(
+    restored: Restored, changed: Mapping[str, Any], caller: Caller, began: float, team: Team
+) -> tuple[Trainer, Timekeeper | None]:
+    """The trainer of a restored run, and what keeps it in its time, if it has one."""
+    from gsfw.core.loop.machine_clock import MachineClock
+    from gsfw.planning.plan import resumed_timekeeper
+    from gsfw.plugins.loading import check_callbacks
+
+    settings = restored.composition.settings
     keeper, callbacks = None, []
     if team.leads:
-        check_callbacks(composition.settings.config.callbacks, installed())
-        callbacks = caller.callbacks_of(composition.settings, installed())
+        check_callbacks(settings.config.callbacks, installed())
+        callbacks = caller.callbacks_of(settings, installed())
         if "steps" not in changed:
             keeper = resumed_timekeeper(restored, MachineClock(began))
-    trainer = composition.trainer(folder, callbacks, restored.step, keeper)
+    trainer = restored.composition.trainer(restored.folder, callbacks, restored.step, keeper)
     trainer.load_state_dict(restored.state)
     if "steps" in changed:
         trainer.walk.unhurried()
-    if not team.leads:
-        return follow(trainer)
-    if changed:
-        _write_settings(composition.settings, trainer, command)
-    remember_run(folder.path)
-    console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
-    if keeper is None:
-        return caller.run(trainer, console)
-    with recorded(trainer, composition.settings, command, read_plan(folder)):
-        return caller.run(trainer, console)
+    return trainer, keeper
 
 
 def _opened(found: RunArgument, changed: Mapping[str, Any], team: Team) -> Restored:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -78,7 +79,9 @@ def _forget_peak() -> bool:
     """Reset the peak of resident memory; true if the system can."""
     if not CLEAR_REFS.exists():
         return False
-    # Freed memory that stays resident would be used and not be measured.
+    # Freed memory that stays resident would be used and not be measured, and garbage that Python
+    # collects during the work would count against it.
+    gc.collect()
     release_freed_memory()
     try:
         CLEAR_REFS.write_text("5")
