@@ -29,9 +29,10 @@ def main(command: list[str]) -> int:
     def stop(number: int, frame: FrameType | None) -> None:
         asked.set()
         for process in running:
-            process.terminate()
+            process.send_signal(number)
 
-    signal.signal(signal.SIGTERM, stop)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, stop)
     # There is no other thread yet.
     child = subprocess.Popen(command, stdin=subprocess.DEVNULL, preexec_fn=_end_with_guard)  # noqa: PLW1509
     running.append(child)

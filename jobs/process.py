@@ -120,9 +120,11 @@ class JobProcess:
 
     def stop(self, once_more: bool = False) -> None:
         """Ask the process to end with a checkpoint; once more, to end at once."""
-        if once_more or not self._asked_to_stop:
-            self._asked_to_stop = True
+        if once_more and os.name != "nt":
+            self._process.send_signal(signal.SIGINT)
+        elif not self._asked_to_stop:
             self._process.terminate()
+        self._asked_to_stop = True
 
     def wait(self) -> None:
         """Wait until the process has ended; kill it after ``PATIENCE`` seconds."""

@@ -1,7 +1,8 @@
 """Interrupt: effects of signals.
 
-Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. Elsewhere a
-signal ends the program like an error, so that temporary files are removed.
+Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. SIGTERM ends
+it after its step, however often it comes. Elsewhere a signal ends the program like an error, so
+that temporary files are removed.
 """
 
 from __future__ import annotations
@@ -45,7 +46,10 @@ def unclaimed_signals() -> tuple[signal.Signals, ...]:
 def stop_on_signal(
     control: Control, signals: Sequence[signal.Signals] = SIGNALS, is_quiet: bool = False
 ) -> Iterator[Interrupt]:
-    """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at the second.
+    """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at a later SIGINT.
+
+    A later SIGTERM changes nothing: a scheduler and the death of the parent process may both send
+    one, and neither means that the checkpoint is to be lost.
 
     Args:
         control: takes the request.
@@ -56,7 +60,9 @@ def stop_on_signal(
 
     def stop(number: int, frame: FrameType | None) -> None:
         if interrupt.received:
-            raise KeyboardInterrupt
+            if number == signal.SIGINT:
+                raise KeyboardInterrupt
+            return
         interrupt.received = True
         name = signal.Signals(number).name
         control.request_stop(f"interrupted by {name}")

@@ -40,6 +40,9 @@ FLAGS = (
     "--disable-backgrounding-occluded-windows",
 )
 
+REST_SECONDS = 0.25
+"""Time without a move after which an element stands still: several frames, in seconds."""
+
 START_SECONDS = 60.0
 """Longest start of the browser; a busy machine needs more than ten."""
 
@@ -137,9 +140,10 @@ class Page:
         self._mouse("mouseReleased", x, y, button="left", clickCount=1)
 
     def click_text(self, text: str, selector: str = "button, a, label, [role], summary") -> None:
-        """Click the smallest visible element that has exactly this text."""
-        place = self.wait_for(
-            f"""(() => {{
+        """Click the smallest visible element that has exactly this text, once it stands still."""
+        self.click(
+            self._at_rest(
+                f"""(() => {{
               const found = [...document.querySelectorAll({json.dumps(selector)})].filter(
                 (item) => item.innerText?.trim() === {json.dumps(text)}
                   && item.getClientRects().length);
@@ -149,8 +153,19 @@ class Page:
               const box = found[0].getBoundingClientRect();
               return [box.x + box.width / 2, box.y + box.height / 2];
             }})()"""
+            )
         )
-        self.click((place[0], place[1]))
+
+    def _at_rest(self, place: str) -> tuple[float, float]:
+        """The place that a JavaScript expression gives, when it has been the same for a while.
+
+        What a page adds meanwhile moves its elements; a click would miss them.
+        """
+        before, now = None, self.wait_for(place)
+        while now != before:
+            time.sleep(REST_SECONDS)
+            before, now = now, self.wait_for(place)
+        return now[0], now[1]
 
     def middle(self, selector: str) -> tuple[float, float]:
         """Middle of the first element of a CSS selector, scrolled into view."""

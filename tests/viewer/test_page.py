@@ -335,6 +335,7 @@ def test_ctrl_c_ends_a_paused_run_with_a_checkpoint(browser, training):
     page = browser.open(address)
     page.wait_for("document.body.innerText.includes('Run')")
     page.click_text("Run")
+    page.wait_for("/step\\s+[\\d,]+ of/.test(document.body.innerText)")
     page.click_text("Pause")
     page.wait_for("document.body.innerText.includes('3dgs: paused')")
     held = step_of(page)

@@ -1,13 +1,17 @@
 """What torch is switched to while a run lasts, and back from."""
 
+import threading
+
 import pytest
 import torch
 
 from gsfw.core.loop.determinism import deterministic
 
 
-def switches() -> tuple[bool, bool]:
-    return torch.are_deterministic_algorithms_enabled(), torch.backends.cudnn.allow_tf32
+def switches() -> tuple[bool, bool | str]:
+    cudnn = torch.backends.cudnn
+    digits = cudnn.conv.fp32_precision if hasattr(cudnn, "conv") else cudnn.allow_tf32
+    return torch.are_deterministic_algorithms_enabled(), digits
 
 
 @pytest.mark.parametrize("device", ["cpu", "cuda"])
@@ -19,10 +23,33 @@ def test_what_was_switched_is_as_before_even_after_an_error(device):
 
 
 def test_algorithms_are_deterministic_on_the_cpu_alone():
+    before = switches()
     with deterministic(torch.device("cpu")):
         assert torch.are_deterministic_algorithms_enabled()
     with deterministic(torch.device("cuda")):
-        assert not torch.are_deterministic_algorithms_enabled()
+        assert switches()[0] == before[0]
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_threads_that_are_inside_together_switch_back_when_the_last_one_leaves(device):
+    before, entered, first_left = switches(), threading.Event(), threading.Event()
+    inside = []
+
+    def enter_while_the_other_is_inside():
+        with deterministic(torch.device(device)):
+            entered.set()
+            first_left.wait(60)
+            inside.append(switches())
+
+    thread = threading.Thread(target=enter_while_the_other_is_inside)
+    with deterministic(torch.device(device)):
+        thread.start()
+        assert entered.wait(60)
+        on = switches()
+    first_left.set()
+    thread.join()
+    assert inside == [on]
+    assert switches() == before
 
 
 def test_convolutions_on_a_gpu_keep_all_digits():
