@@ -203,7 +203,7 @@ class Team:
 
     @property
     def shares_rendering(self) -> bool:
-        """True if a process cannot render without the others: all of them evaluate then."""
+        """True if a process has not all rows: all processes render and evaluate together then."""
         return False
 
     def summary(self) -> Mapping[str, int]:

@@ -27,9 +27,9 @@ from torch.distributed import (  # type: ignore[attr-defined]
 from gsfw.core.cores import cores
 from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
-from gsfw.parallel.divided.team import GaussianParallel
 from gsfw.parallel.environment import patience, rank, world
 from gsfw.parallel.group import Group, losses_named
+from gsfw.parallel.sharded.team import GaussianParallel
 
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")

@@ -61,7 +61,9 @@ class Trainer:
         self.walk = Walk(plan.pace, views, plan.held_back, timekeeper, goal)
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
-        self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
+        self._handle: ModelHandle | None = None
+        if not parts.team.shares_rendering:
+            self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
         self._verdict = Verdict(parts, plan, info.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
@@ -241,6 +243,8 @@ class Trainer:
         skipped_in_a_row = self._updates.skipped_in_a_row
         if skipped_in_a_row >= self.plan.max_skipped:
             self._checkpoint()  # Skipped steps change no parameter: the state is finite.
+            if not self.parts.team.leads:
+                return
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
                 f"stopped at step {self.step}.{culprits(rendered)}",

@@ -19,9 +19,9 @@ from gsfw.core.cameras import CameraModel
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.run_folder import read_checkpoint
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
-from gsfw.parallel.divided.division import TILE, Division
-from gsfw.parallel.divided.projection import SHAPE, band_camera, drawn, project
-from gsfw.parallel.divided.team import GaussianParallel
+from gsfw.parallel.sharded.division import TILE, Division
+from gsfw.parallel.sharded.projection import SHAPE, band_camera, drawn, project
+from gsfw.parallel.sharded.team import GaussianParallel
 
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
@@ -168,9 +168,9 @@ def test_every_row_is_in_one_shard_and_one_process(rows, shards, size):
     held = [row for rank in range(size) for row in division.rows_of(rank, rows)]
     assert held == list(range(rows))
     lengths = [
-        division.start(part + 1, rows) - division.start(part, rows)
+        division.start(shard + 1, rows) - division.start(shard, rows)
         for rank in range(size)
-        for part in division.parts_of(rank)
+        for shard in division.shards_of(rank)
     ]
     assert len(lengths) == shards
     assert max(lengths) - min(lengths) <= 1

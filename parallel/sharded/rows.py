@@ -1,7 +1,7 @@
 """Rows: a divided model as refiners see it, with the rows of all processes.
 
 Facts by row are gathered; new rows are made where their parents are. Random numbers come from one
-generator for each part of the rows, so that any number of processes draws the same.
+generator for each shard of the rows, so that any number of processes draws the same.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.operators import Operators
 from gsfw.core.splats import Splats
-from gsfw.parallel.divided.new_rows import NewRows, joined
-from gsfw.parallel.divided.team import GaussianParallel
-from gsfw.parallel.divided.window import Window
+from gsfw.parallel.sharded.new_rows import NewRows, joined
+from gsfw.parallel.sharded.team import GaussianParallel
+from gsfw.parallel.sharded.window import Window
 
 SEEDS = 2**62
-"""Seeds of the generators of parts lie below."""
+"""Seeds of the generators of shards lie below."""
 
 
-class DividedRows(DensifiableModel):
+class ShardedRows(DensifiableModel):
     """All rows of a model that is divided among processes."""
 
     def __init__(self, own: DensifiableModel, team: GaussianParallel) -> None:
@@ -71,7 +71,7 @@ class DividedRows(DensifiableModel):
     def _refuse(what: str) -> NoReturn:
         raise ConfigError(
             f"a refiner reads {what} of a model whose rows are divided among processes.",
-            "Train with divide=views, or with strategy=adc or strategy=mcmc.",
+            "Train with shards=0, or with strategy=adc or strategy=mcmc.",
         )
 
     # Facts by row.
@@ -105,7 +105,7 @@ class DividedRows(DensifiableModel):
         def cloned(own: Tensor, places: Tensor, seeded: torch.Generator | None) -> Children:
             return self._own.clone_rows(own, seeded)
 
-        return self._by_part(rows, 1, cloned, generator)
+        return self._by_shard(rows, 1, cloned, generator)
 
     @torch.no_grad()
     def split_rows(
@@ -117,7 +117,7 @@ class DividedRows(DensifiableModel):
             assert seeded is not None
             return self._own.split_rows(own, copies, seeded)
 
-        return self._by_part(rows, copies, split, generator)
+        return self._by_shard(rows, copies, split, generator)
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
@@ -126,7 +126,7 @@ class DividedRows(DensifiableModel):
         def moved(own: Tensor, places: Tensor, seeded: torch.Generator | None) -> Children:
             return self._own.relocated(own, counts[places])
 
-        return self._by_part(rows, 1, moved, None)
+        return self._by_shard(rows, 1, moved, None)
 
     @torch.no_grad()
     def rows_at(
@@ -143,26 +143,26 @@ class DividedRows(DensifiableModel):
         rows = self._own.rows_at(points[some], colors[some], sizes[some], time)
         return NewRows(count, torch.arange(own.start, own.stop, device=points.device), rows)
 
-    def _by_part(
+    def _by_shard(
         self,
         rows: Int[Tensor, " r"],
         copies: int,
         make: Callable[[Tensor, Tensor, torch.Generator | None], Children],
         generator: torch.Generator | None,
     ) -> NewRows:
-        """New rows from those that this process has, part by part.
+        """New rows from those that this process has, shard by shard.
 
         Args:
             rows: the parents, among the rows of all processes.
             copies: children of each: the first child of every row, then the second ones.
             make: returns the children, of parents among the rows of this process, which have these
-                places among ``rows``, by the random numbers of a part.
+                places among ``rows``, by the random numbers of a shard.
             generator: the same in all processes; ``None`` without random numbers.
         """
         first, places, found = self._team.own_rows.start, [], []
         numbers = torch.arange(copies, device=rows.device)[:, None]
-        for part, seeded in self._seeded(generator):
-            chosen = ((rows >= part.start) & (rows < part.stop)).nonzero()[:, 0]
+        for shard, seeded in self._seeded(generator):
+            chosen = ((rows >= shard.start) & (rows < shard.stop)).nonzero()[:, 0]
             found.append(make(rows[chosen] - first, chosen, seeded))
             places.append((numbers * len(rows) + chosen).flatten())
         children = joined(found, self._own.columns())
@@ -171,31 +171,31 @@ class DividedRows(DensifiableModel):
     def _seeded(
         self, generator: torch.Generator | None
     ) -> Iterator[tuple[range, torch.Generator | None]]:
-        """The rows of each part of this process, with a generator of its own."""
+        """The rows of each shard of this process, with a generator of its own."""
         team = self._team
         seed = 0
         if generator is not None:
             device = generator.device
             seed = int(torch.randint(SEEDS, (), generator=generator, device=device))
-        for part in team.division.parts_of(team.rank):
+        for shard in team.division.shards_of(team.rank):
             rows = range(
-                team.division.start(part, self.num_rows),
-                team.division.start(part + 1, self.num_rows),
+                team.division.start(shard, self.num_rows),
+                team.division.start(shard + 1, self.num_rows),
             )
             own = None
             if generator is not None:
-                own = torch.Generator(generator.device).manual_seed(seed + part)
+                own = torch.Generator(generator.device).manual_seed(seed + shard)
             yield rows, own
 
     # Changes in place.
 
     @torch.no_grad()
     def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
-        """Move positions by noise, part by part."""
+        """Move positions by noise, shard by shard."""
         first = self._team.own_rows.start
-        for part, seeded in self._seeded(generator):
+        for shard, seeded in self._seeded(generator):
             assert seeded is not None
-            with Window(self._own, part.start - first, part.stop - first).shown():
+            with Window(self._own, shard.start - first, shard.stop - first).shown():
                 self._own.perturb_(rate, seeded, operators)
 
     @torch.no_grad()

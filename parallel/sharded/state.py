@@ -33,7 +33,7 @@ def whole(
     return _changed(state, model, gather)
 
 
-def part(state: Mapping[str, Any], model: PrimitiveModel, rows: range) -> dict[str, Any]:
+def rows_of(state: Mapping[str, Any], model: PrimitiveModel, rows: range) -> dict[str, Any]:
     """The state with some of the rows.
 
     Args:

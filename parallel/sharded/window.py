@@ -1,4 +1,4 @@
-"""Window: a model that has the rows of one part for a time."""
+"""Window: a model that has the rows of one shard for a time."""
 
 from __future__ import annotations
 

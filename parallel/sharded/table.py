@@ -12,15 +12,15 @@ from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import Children, PrimitiveModel
 from gsfw.core.operators import AdamMoments
 from gsfw.core.table import SplatTable
-from gsfw.parallel.divided.new_rows import NewRows
-from gsfw.parallel.divided.state import by_row
-from gsfw.parallel.divided.team import GaussianParallel
+from gsfw.parallel.sharded.new_rows import NewRows
+from gsfw.parallel.sharded.state import by_row
+from gsfw.parallel.sharded.team import GaussianParallel
 
 PLACE = ":place"
 """The name under which rows take their place along; no column has it."""
 
 
-class DividedTable(SplatTable):
+class ShardedTable(SplatTable):
     """The rows of all processes: an edit brings each row to the process of its new place."""
 
     def __init__(self, model: PrimitiveModel, optimizer: Optimizer, team: GaussianParallel) -> None:
@@ -132,7 +132,7 @@ class DividedTable(SplatTable):
         """Not done: ragged columns are not divided."""
         raise ConfigError(
             f"the column {name!r} has rows of different lengths, and is divided among processes.",
-            "Train with divide=views.",
+            "Train with shards=0.",
         )
 
     def _new(self, children: Children) -> NewRows:
@@ -146,5 +146,5 @@ class DividedTable(SplatTable):
             return children
         raise ConfigError(
             "a refiner has made rows of its own for a model that is divided among processes.",
-            "Train with divide=views, or with strategy=adc or strategy=mcmc.",
+            "Train with shards=0, or with strategy=adc or strategy=mcmc.",
         )

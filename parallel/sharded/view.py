@@ -1,6 +1,6 @@
 """View: one image that all processes render together, and its backward pass.
 
-Forward: every process projects its rows, part by part, and sends the flat splats to the processes
+Forward: every process projects its rows, shard by shard, and sends the flat splats to the processes
 whose bands they reach; each renders its bands, and sends them to all. Backward: each process has
 the gradient of the whole image, goes back through its bands, and returns the gradients of flat
 splats to the processes that sent them. They are added in the order of the bands.
@@ -21,23 +21,24 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.errors import ConfigError
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
-from gsfw.parallel.divided.division import Division
-from gsfw.parallel.divided.projection import SHAPE, FlatSplats, band_camera, drawn, project
-from gsfw.parallel.divided.window import Window
 from gsfw.parallel.group import Group
+from gsfw.parallel.sharded.division import Division
+from gsfw.parallel.sharded.projection import SHAPE, FlatSplats, band_camera, drawn, project
+from gsfw.parallel.sharded.window import Window
 
 GRADIENTS = frozenset({Statistic.SCREEN_GRADIENT})
 """Statistics that follow from the gradients of flat splats; bands need not measure them."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """The rows of one part of the model in a view."""
+class Shard:
+    """The rows of one shard of the model in a view."""
 
     window: Window
     splats: Splats
@@ -84,38 +85,51 @@ class View:
             settings: settings of the render.
             time: capture time, as of ``PrimitiveModel.splats``.
             rows: number of rows of all processes.
+
+        Raises:
+            ConfigError: a statistic cannot be added up over bands.
         """
+        if Statistic.ABSGRAD in settings.statistics:
+            raise ConfigError(
+                f"shards={division.shards}: absolute gradients (strategy.absgrad=true) are those of "
+                "a whole image, and processes render bands of it.",
+                "Train with strategy.absgrad=false, or with shards=0.",
+            )
         self._group, self._division, self._camera, self.settings = group, division, camera, settings
         self._bands_pixels = division.bands(camera.height)
         self._first_row = division.rows_of(group.rank, rows).start
-        self.parts = [self._part(model, number, rows, time) for number in self._numbers()]
-        first = self.parts[0].splats
+        self.shards = [self._shard(model, number, rows, time) for number in self._numbers()]
+        first = self.shards[0].splats
         self._channels = first.channels
         self._extras = 0 if first.extra is None else first.extra.shape[1]
         self.bands = self._rendered(rasterizer)
         self.output = self._gathered()
 
     def _numbers(self) -> range:
-        return self._division.parts_of(self._group.rank)
+        return self._division.shards_of(self._group.rank)
 
     # Forward.
 
-    def _part(
+    def _shard(
         self, model: PrimitiveModel, number: int, rows: int, time: Float[Tensor, ""] | None
-    ) -> Part:
-        """Evaluate the model and project its splats, for the rows of one part."""
+    ) -> Shard:
+        """Evaluate the model and project its splats, for the rows of one shard."""
         division = self._division
         start = division.start(number, rows) - self._first_row
         window = Window(model, start, division.start(number + 1, rows) - self._first_row)
         with window.shown():
             splats = model.splats(time, self._camera)
         flat = project(splats, self._camera, self.settings)
-        return Part(window, splats, flat, tuple(flat.reaching(band) for band in self._bands_pixels))
+        return Shard(
+            window, splats, flat, tuple(flat.reaching(band) for band in self._bands_pixels)
+        )
 
     def _rendered(self, rasterizer: Rasterizer) -> list[Band]:
         """Exchange flat splats, and render the bands of this process."""
         group = self._group
-        counts = torch.tensor([sum(len(part.sent[b]) for part in self.parts) for b in self._all()])
+        counts = torch.tensor(
+            [sum(len(shard.sent[b]) for shard in self.shards) for b in self._all()]
+        )
         table: list[list[int]] = group.all_gather(counts.to(group.device)).tolist()
         sent = [
             torch.cat([self._outgoing(band) for band in self._bands_of(rank)])
@@ -126,10 +140,10 @@ class View:
         own = self._bands_of(group.rank)
         found = group.exchange_rows(sent, [sum(line[b] for b in own) for line in table])
         by_rank = [
-            part.split([line[b] for b in own]) for part, line in zip(found, table, strict=True)
+            rows.split([line[b] for b in own]) for rows, line in zip(found, table, strict=True)
         ]
         return [
-            self._band(rasterizer, band, [parts[place] for parts in by_rank])
+            self._band(rasterizer, band, [bands[place] for bands in by_rank])
             for place, band in enumerate(own)
         ]
 
@@ -140,13 +154,13 @@ class View:
         return self._division.bands_of(rank, self._camera.height)
 
     def _outgoing(self, band: int) -> Float[Tensor, "m k"]:
-        """The flat splats of this process that may reach a band, part by part."""
+        """The flat splats of this process that may reach a band, shard by shard."""
         return torch.cat(
-            [part.flat.values.detach().index_select(0, part.sent[band]) for part in self.parts]
+            [shard.flat.values.detach().index_select(0, shard.sent[band]) for shard in self.shards]
         )
 
     def _nothing(self) -> Float[Tensor, "0 k"]:
-        return self.parts[0].flat.values.detach()[:0]
+        return self.shards[0].flat.values.detach()[:0]
 
     def _band(self, rasterizer: Rasterizer, number: int, received: Sequence[Tensor]) -> Band:
         pixels, settings = self._bands_pixels[number], self.settings
@@ -187,9 +201,9 @@ class View:
                 for band, pixels in enumerate(self._bands_pixels)
             ]
         )[None]
-        parts = [part.contiguous() for part in whole.split(widths, dim=-1)]
         color, alpha, depth, extra = [
-            part.requires_grad_(torch.is_grad_enabled()) for part in parts
+            image.contiguous().requires_grad_(torch.is_grad_enabled())
+            for image in whole.split(widths, dim=-1)
         ]
         return RenderOutput(
             color=color,
@@ -202,16 +216,16 @@ class View:
     # Backward.
 
     def back(self) -> list[RenderStatistics]:
-        """Go back from the gradient of the whole image to the splats of each part.
+        """Go back from the gradient of the whole image to the splats of each shard.
 
         Returns:
-            The statistics of the rows of each part, whose graph waits for ``part_gradients``.
+            The statistics of the rows of each shard, whose graph waits for ``shard_gradients``.
         """
         self._gradients = self._returned()
-        return [self._statistics(place) for place in range(len(self.parts))]
+        return [self._statistics(place) for place in range(len(self.shards))]
 
     def _returned(self) -> list[list[Tensor]]:
-        """For each band and part: the gradients of flat splats, and what the band has measured."""
+        """For each band and shard: the gradients of flat splats, and what the band has measured."""
         group = self._group
         lines = [self._measured(band) for band in self.bands]
         sent = [
@@ -225,7 +239,7 @@ class View:
             for rank in range(group.size)
         ]
         counts = [
-            [sum(len(part.sent[band]) for part in self.parts) for band in self._bands_of(rank)]
+            [sum(len(shard.sent[band]) for shard in self.shards) for band in self._bands_of(rank)]
             for rank in range(group.size)
         ]
         found = group.exchange_rows(sent, [sum(line) for line in counts])
@@ -233,7 +247,7 @@ class View:
         return [
             list(
                 by_rank[band % group.size][band // group.size].split(
-                    [len(part.sent[band]) for part in self.parts]
+                    [len(shard.sent[band]) for shard in self.shards]
                 )
             )
             for band in self._all()
@@ -269,19 +283,19 @@ class View:
             measured.append(seen.contribution.T.to(gradient))
         return torch.cat(measured, dim=1)
 
-    def part_gradients(self, place: int) -> Float[Tensor, "m k"]:
-        """The gradients of the flat splats of a part; bands are added in their order."""
-        part, width = self.parts[place], self.parts[place].flat.values.shape[1]
-        total = torch.zeros_like(part.flat.values)
-        for rows, found in zip(part.sent, self._gradients, strict=True):
+    def shard_gradients(self, place: int) -> Float[Tensor, "m k"]:
+        """The gradients of the flat splats of a shard; bands are added in their order."""
+        shard, width = self.shards[place], self.shards[place].flat.values.shape[1]
+        total = torch.zeros_like(shard.flat.values)
+        for rows, found in zip(shard.sent, self._gradients, strict=True):
             total.index_add_(0, rows, found[place][:, :width])
         return total
 
     def _statistics(self, place: int) -> RenderStatistics:
-        """The statistics of all rows of a part."""
-        part, width = self.parts[place], self.parts[place].flat.values.shape[1]
-        flat = RenderStatistics.zeros(part.flat.values, 1, self.settings.statistics)
-        for rows, found in zip(part.sent, self._gradients, strict=True):
+        """The statistics of all rows of a shard."""
+        shard, width = self.shards[place], self.shards[place].flat.values.shape[1]
+        flat = RenderStatistics.zeros(shard.flat.values, 1, self.settings.statistics)
+        for rows, found in zip(shard.sent, self._gradients, strict=True):
             visible, radii = found[place][:, width : width + 2].unbind(1)
             flat.visible[0, rows] |= visible > 0
             flat.radii[0, rows] = torch.maximum(flat.radii[0, rows], radii)
@@ -289,11 +303,11 @@ class View:
                 flat.contribution[0].index_add_(0, rows, found[place][:, width + 2])
         if flat.screen_gradient is not None:
             half = 0.5 * flat.radii.new_tensor([self._camera.width, self._camera.height])
-            flat.screen_gradient[0] = (self.part_gradients(place)[:, :2] * half).norm(dim=1)
-        return flat.map(lambda values: self._by_row(part, values))
+            flat.screen_gradient[0] = (self.shard_gradients(place)[:, :2] * half).norm(dim=1)
+        return flat.map(lambda values: self._by_row(shard, values))
 
     @staticmethod
-    def _by_row(part: Part, values: Tensor) -> Tensor:
-        """Values of flat splats, for all rows of their part."""
-        rows = part.flat.rows if part.splats.rows is None else part.splats.rows[part.flat.rows]
-        return values.new_zeros(1, part.window.count).index_copy(1, rows, values)
+    def _by_row(shard: Shard, values: Tensor) -> Tensor:
+        """Values of flat splats, for all rows of their shard."""
+        rows = shard.flat.rows if shard.splats.rows is None else shard.splats.rows[shard.flat.rows]
+        return values.new_zeros(1, shard.window.count).index_copy(1, rows, values)

@@ -1,9 +1,9 @@
-"""Gaussian parallel: the rows of a model are divided among processes, and so is every image.
+"""Gaussian parallel: processes share the rows of a model, and the bands of every image.
 
 Zhao et al. 2024 (On Scaling Up 3D Gaussian Splatting Training, Grendel-GS) divide rows, exchange
 projected Gaussians, and divide images. Every process renders its part of every view (``view``) and
 then has the whole image: losses, decoders and decisions are computed by all alike, so that methods
-and strategies need no change. A process has the rows, gradients and moments of its parts alone.
+and strategies need no change. A process has the rows, gradients and moments of its shards alone.
 """
 
 from __future__ import annotations
@@ -30,12 +30,11 @@ from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.table import SplatTable
 from gsfw.core.team import ALONE, Observation, RenderedPart, Rendering
-from gsfw.parallel.divided.division import Division
-from gsfw.parallel.divided.state import by_row, num_rows, whole
-from gsfw.parallel.divided.state import part as part_of
-from gsfw.parallel.divided.view import View
 from gsfw.parallel.group import Group
 from gsfw.parallel.parallel_team import ParallelTeam
+from gsfw.parallel.sharded.division import Division
+from gsfw.parallel.sharded.state import by_row, num_rows, rows_of, whole
+from gsfw.parallel.sharded.view import View
 
 STATISTICS = tuple(item.name for item in fields(RenderStatistics))
 Gradients = list[tuple[Tensor, Tensor | None]]
@@ -45,17 +44,17 @@ Gradients = list[tuple[Tensor, Tensor | None]]
 class GaussianParallel(ParallelTeam):
     """The rows of the model and the bands of images are divided among processes."""
 
-    def __init__(self, group: Group, parts: int) -> None:
+    def __init__(self, group: Group, shards: int) -> None:
         """Start before the first step.
 
         Args:
             group: the processes.
-            parts: of rows and images; at least as many as processes.
+            shards: of rows and images; at least as many as processes.
         """
         super().__init__(group)
         self.num_rows = 0
         """Rows of all processes."""
-        self.division = Division(parts, group.size)
+        self.division = Division(shards, group.size)
         self._open: list[View] = []
         self._statistics: list[RenderStatistics] = []
 
@@ -67,19 +66,19 @@ class GaussianParallel(ParallelTeam):
             for refiner in parts.refiners
             if not refiner.divisible
         ]
-        if self.size > self.division.parts:
+        if self.size > self.division.shards:
             refused.append(f"there are {self.size} processes, more than shards")
         for reason in filter(None, refused):
             raise ConfigError(
-                f"shards={self.division.parts}: {reason}.",
+                f"shards={self.division.shards}: {reason}.",
                 "Train with shards=0, where every process has all Gaussians and renders its own "
                 "views, or with another method or strategy.",
             )
 
     def share(self, parts: TrainingParts) -> TrainingParts:
         """The same parts with the rows of this process alone."""
-        from gsfw.parallel.divided.rows import DividedRows
-        from gsfw.parallel.divided.table import DividedTable
+        from gsfw.parallel.sharded.rows import ShardedRows
+        from gsfw.parallel.sharded.table import ShardedTable
 
         self.num_rows = len(parts.table)
         own = self.own_rows
@@ -88,8 +87,8 @@ class GaussianParallel(ParallelTeam):
         return replace(
             parts,
             team=self,
-            table=DividedTable(model, parts.optimizer, self),
-            edited=DividedRows(model, self) if isinstance(model, DensifiableModel) else None,
+            table=ShardedTable(model, parts.optimizer, self),
+            edited=ShardedRows(model, self) if isinstance(model, DensifiableModel) else None,
         )
 
     # Rows.
@@ -151,16 +150,16 @@ class GaussianParallel(ParallelTeam):
         )
         if torch.is_grad_enabled():
             self._open.append(view)
-        shares = [part.window.count / max(self.num_rows, 1) for part in view.parts]
+        nowhere, total = view.output.statistics, max(self.num_rows, 1)
         parts = [
-            RenderedPart(part.splats, view.output.statistics, share, part.window.shown)
-            for part, share in zip(view.parts, shares, strict=True)
+            RenderedPart(shard.splats, nowhere, shard.window.count / total, shard.window.shown)
+            for shard in view.shards
         ]
-        nowhere: Any = Absent(rows=None)
-        return Rendering(view.output, nowhere, parts)
+        absent: Any = Absent(rows=None)
+        return Rendering(view.output, absent, parts)
 
     def backward(self, rendered: RenderedBatch | None, optimizer: Optimizer) -> None:
-        """Go back from the losses to the rows of this process, part by part."""
+        """Go back from the losses to the rows of this process, shard by shard."""
         assert rendered is not None
         share, tensors = rendered.context.share, optimizer.group_tensors()
         before = _taken(tensors)
@@ -168,42 +167,42 @@ class GaussianParallel(ParallelTeam):
         (torch.stack(data).sum() * share).backward()
         of_images = _taken(tensors)
         statistics = [view.back() for view in self._open]
-        of_parts = []
+        of_shards = []
         for place, terms in enumerate(rendered.by_rows):
-            self._part_backward(place, list(terms.values()), share)
+            self._shard_backward(place, list(terms.values()), share)
             if tensors:
-                of_parts.append(_flat(_taken(tensors)))
+                of_shards.append(_flat(_taken(tensors)))
         self._statistics.append(self._by_row(statistics[0]))
         self._open.clear()
         if tensors:
-            self._add_up(before, of_images, torch.stack(of_parts))
+            self._add_up(before, of_images, torch.stack(of_shards))
 
-    def _part_backward(self, place: int, terms: list[Tensor], share: float) -> None:
-        """The backward pass of one part of the rows, in all renders of the batch."""
-        roots = [view.parts[place].flat.values for view in self._open]
-        gradients = [view.part_gradients(place) for view in self._open]
+    def _shard_backward(self, place: int, terms: list[Tensor], share: float) -> None:
+        """The backward pass of one shard of the rows, in all renders of the batch."""
+        roots = [view.shards[place].flat.values for view in self._open]
+        gradients = [view.shard_gradients(place) for view in self._open]
         terms = [term for term in terms if term.requires_grad]
         if terms:
             roots.append(torch.stack(terms).sum())
             gradients.append(roots[-1].new_tensor(share))
         torch.autograd.backward(roots, gradients)
         for view in self._open:
-            view.parts[place].window.add_gradients()
+            view.shards[place].window.add_gradients()
 
     def _add_up(
         self,
         before: Gradients,
         of_images: Gradients,
-        of_parts: Float[Tensor, "parts k"],
+        of_shards: Float[Tensor, "shards k"],
     ) -> None:
-        """Add up the gradients of tensors without rows: images first, then parts in order.
+        """Add up the gradients of tensors without rows: images first, then shards in order.
 
         Every process has the whole gradient by the images, and that by its own rows.
         """
-        counts = [len(self.division.parts_of(rank)) for rank in range(self.size)]
+        counts = [len(self.division.shards_of(rank)) for rank in range(self.size)]
         total = _flat(of_images)
-        for part in self._group.all_gather_rows(of_parts, counts):
-            total += part
+        for of_shard in self._group.all_gather_rows(of_shards, counts):
+            total += of_shard
         start, sizes = 0, [tensor.numel() for tensor, _ in before]
         present = total[sum(sizes) :] > 0
         for (tensor, earlier), size, has in zip(before, sizes, present, strict=True):
@@ -212,11 +211,12 @@ class GaussianParallel(ParallelTeam):
                 tensor.grad = found.clone() if earlier is None else earlier + found
             start += size
 
-    def _by_row(self, parts: Sequence[RenderStatistics]) -> RenderStatistics:
-        """The statistics of all rows, from those of the parts of this process."""
-        names = [name for name in STATISTICS if getattr(parts[0], name) is not None]
+    def _by_row(self, of_shards: Sequence[RenderStatistics]) -> RenderStatistics:
+        """The statistics of all rows, from those of the shards of this process."""
+        names = [name for name in STATISTICS if getattr(of_shards[0], name) is not None]
         own = torch.stack(
-            [torch.cat([getattr(part, name)[0].float() for part in parts]) for name in names], dim=1
+            [torch.cat([getattr(one, name)[0].float() for one in of_shards]) for name in names],
+            dim=1,
         )
         found = self.all_rows(own).T.contiguous()
         values = dict(zip(names, found[:, None], strict=True))
@@ -246,8 +246,8 @@ class GaussianParallel(ParallelTeam):
 
     @property
     def shares_rendering(self) -> bool:
-        """True: no process has all rows."""
-        return True
+        """True for several processes: none of them has all rows."""
+        return self.size > 1
 
     def whole(self, state: dict[str, Any], parts: TrainingParts) -> dict[str, Any] | None:
         """The state with all rows, in the first process."""
@@ -257,7 +257,7 @@ class GaussianParallel(ParallelTeam):
     def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
         """The state with the rows of this process."""
         self.num_rows = num_rows(state, parts.model)
-        return part_of(state, parts.model, self.own_rows)
+        return rows_of(state, parts.model, self.own_rows)
 
     def reunited(self, parts: TrainingParts) -> TrainingParts:
         """The same with all rows in the first process, which trains no more.
