@@ -54,7 +54,7 @@ class TrainingViewer(Callback):
         """Open the server, and print its address."""
         if run.model is None:
             raise ConfigError(
-                "viewer=true: the Gaussians are in several processes (shards), and the page needs all.",
+                "viewer=true: the page needs all Gaussians, and several processes share them.",
                 "Train with viewer=false, and open the result with gsfw view.",
             )
         self._control = control

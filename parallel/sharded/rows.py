@@ -71,7 +71,8 @@ class ShardedRows(DensifiableModel):
     def _refuse(what: str) -> NoReturn:
         raise ConfigError(
             f"a refiner reads {what} of a model whose rows are divided among processes.",
-            "Train with shards=0, or with strategy=adc or strategy=mcmc.",
+            "Train with shards=0, or with strategy=adc or strategy=mcmc; give strategy.budget as a "
+            "number of Gaussians.",
         )
 
     # Facts by row.

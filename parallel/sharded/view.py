@@ -91,8 +91,8 @@ class View:
         """
         if Statistic.ABSGRAD in settings.statistics:
             raise ConfigError(
-                f"shards={division.shards}: absolute gradients (strategy.absgrad=true) are those of "
-                "a whole image, and processes render bands of it.",
+                f"shards={division.shards}: absolute gradients (strategy.absgrad=true) are sums "
+                "over a whole image, and processes render bands of it.",
                 "Train with strategy.absgrad=false, or with shards=0.",
             )
         self._group, self._division, self._camera, self.settings = group, division, camera, settings
