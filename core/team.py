@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
@@ -177,12 +178,15 @@ class Team:
         """Rows that any process has seen."""
         return visible
 
-    def whole(self, state: dict[str, Any], parts: TrainingParts) -> dict[str, Any] | None:
+    def whole(
+        self, state: dict[str, Any], parts: TrainingParts, folder: Path
+    ) -> dict[str, Any] | None:
         """The state of a run with all rows of its model.
 
         Args:
             state: of this process.
             parts: of this process.
+            folder: the folder of the run; rows of other processes may be kept in it.
 
         Returns:
             The state for a checkpoint; ``None`` in processes that write none.
@@ -193,8 +197,13 @@ class Team:
         """The state of this process, from that of a checkpoint."""
         return state
 
-    def reunited(self, parts: TrainingParts) -> TrainingParts:
-        """The parts of a run that has ended, with all rows in the first process."""
+    def reunited(self, parts: TrainingParts, folder: Path) -> TrainingParts:
+        """The parts of a run that has ended, with all rows in the first process.
+
+        Args:
+            parts: of this process.
+            folder: the folder of the run; rows of other processes may be kept in it.
+        """
         return parts
 
     def gathered(self, value: Value) -> list[Value]:

@@ -291,7 +291,7 @@ class Trainer:
         else:
             summary["stopped"] = self.control.stop_reason
         team = self.parts.team
-        self.parts = team.reunited(self.parts)
+        self.parts = team.reunited(self.parts, self.folder.path)
         summary |= {
             "num_gaussians": len(self.parts.table),
             "train_seconds": round(self.train_seconds, 3),
@@ -326,7 +326,7 @@ class Trainer:
         if not self._takes_part:
             return
         self._checkpointed = self.walk.updates
-        state = self.parts.team.whole(self.state_dict(), self.parts)
+        state = self.parts.team.whole(self.state_dict(), self.parts, self.folder.path)
         if state is None:
             return
         with stage("writing a checkpoint"), self.walk.apart():

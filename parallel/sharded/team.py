@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -20,6 +22,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.column import Layout, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.mapped import mapped_tensor
 from gsfw.core.loop.forward import Absent, RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.training_parts import TrainingParts
@@ -107,12 +110,27 @@ class GaussianParallel(ParallelTeam):
         """The values of all rows, from those of this process."""
         return self._group.all_gather_rows(values, self.counts)
 
-    def to_first(self, values: Shaped[Tensor, "own ..."]) -> Shaped[Tensor, "n ..."] | None:
-        """The values of all rows, in the first process; ``None`` in the others."""
-        nothing = [values[:0]] * (self.size - 1)
-        received = self.counts if self.leads else [0] * self.size
-        found = self._group.exchange_rows([values, *nothing], received)
-        return torch.cat(found) if self.leads else None
+    def to_first(
+        self, values: Shaped[Tensor, "own ..."], folder: Path
+    ) -> Shaped[Tensor, "n ..."] | None:
+        """The values of all rows, in the first process; ``None`` in the others.
+
+        One process sends at a time, and the whole is a file: the first process, too, needs no
+        memory for rows of others than for those of one of them.
+        """
+        nothing, counts, start = values[:0], self.counts, 0
+        whole = None
+        if self.leads:
+            whole = mapped_tensor(folder, (self.num_rows, *values.shape[1:]), values.dtype)
+        for sender, count in enumerate(counts):
+            sent = [nothing] * self.size
+            sent[0] = values if sender == self.rank else nothing
+            received = [count if self.leads and rank == sender else 0 for rank in range(self.size)]
+            found = self._group.exchange_rows(sent, received)
+            if whole is not None:
+                whole[start : start + count] = found[sender]
+            start += count
+        return whole
 
     def deliver(self, rows: Mapping[str, Tensor], owners: Int[Tensor, " r"]) -> dict[str, Tensor]:
         """Bring rows to the processes that shall have them; those from the first process first.
@@ -249,9 +267,11 @@ class GaussianParallel(ParallelTeam):
         """True for several processes: none of them has all rows."""
         return self.size > 1
 
-    def whole(self, state: dict[str, Any], parts: TrainingParts) -> dict[str, Any] | None:
+    def whole(
+        self, state: dict[str, Any], parts: TrainingParts, folder: Path
+    ) -> dict[str, Any] | None:
         """The state with all rows, in the first process."""
-        found = whole(state, parts.model, self.to_first)
+        found = whole(state, parts.model, partial(self.to_first, folder=folder))
         return found if self.leads else None
 
     def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
@@ -259,15 +279,15 @@ class GaussianParallel(ParallelTeam):
         self.num_rows = num_rows(state, parts.model)
         return rows_of(state, parts.model, self.own_rows)
 
-    def reunited(self, parts: TrainingParts) -> TrainingParts:
+    def reunited(self, parts: TrainingParts, folder: Path) -> TrainingParts:
         """The same with all rows in the first process, which trains no more.
 
         Its optimizer keeps the moments of its own rows: their bytes are those of training.
         """
         for column in parts.model.columns().values():
-            found = self.to_first(by_row(column, column.values.detach()))
+            found = self.to_first(by_row(column, column.values.detach()), folder)
             if found is not None:
-                column.assign(Rows(by_row(column, found)))
+                column.assign(Rows(by_row(column, found).to(parts.device)))
         if not self.leads:
             return parts
         table = SplatTable(parts.model, parts.optimizer)
