@@ -24,6 +24,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.mapped import mapped_tensor
 from gsfw.core.loop.forward import Absent, RenderedBatch
+from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.model import DensifiableModel, PrimitiveModel
@@ -85,8 +86,11 @@ class GaussianParallel(ParallelTeam):
 
         self.num_rows = len(parts.table)
         own = self.own_rows
-        parts.table.keep(torch.arange(own.start, own.stop, device=parts.device))
-        model = parts.model
+        rows, model = torch.arange(own.start, own.stop, device=parts.device), parts.model
+        for name, column in model.columns().items():
+            column.assign(column.take(rows))
+            parts.optimizer.reset([name])
+        release_freed_memory()  # That of all rows.
         return replace(
             parts,
             team=self,
