@@ -234,14 +234,25 @@ class GaussianParallel(ParallelTeam):
             start += size
 
     def _by_row(self, of_shards: Sequence[RenderStatistics]) -> RenderStatistics:
-        """The statistics of all rows, from those of the shards of this process."""
+        """The statistics of all rows, from those of the shards of this process.
+
+        Only rows that the view has seen are sent: bytes do not grow with the scene.
+        """
         names = [name for name in STATISTICS if getattr(of_shards[0], name) is not None]
         own = torch.stack(
             [torch.cat([getattr(one, name)[0].float() for one in of_shards]) for name in names],
             dim=1,
         )
-        found = self.all_rows(own).T.contiguous()
-        values = dict(zip(names, found[:, None], strict=True))
+        seen = own.any(dim=1).nonzero()
+        lines = torch.cat([seen.int().view(torch.float32), own[seen[:, 0]]], dim=1)
+        counts = self._group.all_gather(torch.tensor([len(seen)], device=seen.device))[:, 0]
+        found = self._group.all_gather_rows(lines, counts.tolist())
+        starts = [self.division.rows_of(rank, self.num_rows).start for rank in range(self.size)]
+        first = torch.tensor(starts, device=seen.device).repeat_interleave(counts)
+        rows = found[:, :1].contiguous().view(torch.int32)[:, 0] + first
+        of_all = own.new_zeros(len(names), 1, self.num_rows)
+        of_all[:, 0, rows] = found[:, 1:].T
+        values = dict(zip(names, of_all, strict=True))
         return RenderStatistics(**{**values, "visible": values["visible"].bool()})
 
     def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
