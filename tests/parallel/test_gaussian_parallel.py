@@ -10,6 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from support.fast_rasterizer import fast_rasterizer
+from support.gaussians import gaussians
 from support.memory_training import Recorder, trainer, with_parts
 from support.scenes import front_camera, random_splats
 from support.states import assert_same_bits
@@ -22,6 +23,7 @@ from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.parallel.sharded.division import TILE, Division
 from gsfw.parallel.sharded.projection import SHAPE, band_camera, drawn, project
 from gsfw.parallel.sharded.team import GaussianParallel
+from gsfw.parallel.sharded.view import View
 
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
@@ -42,12 +44,12 @@ def checkpoint(folder):
     return {name: value for name, value in state.items() if name != "train_seconds"}
 
 
-def trained(folder, size, strategy="adc", resume=False, stop=None, **options):
+def trained(folder, size, strategy="adc", resume=False, stop=None, steps=40, **options):
     """The checkpoint, and the summary and reports of each process."""
 
     def run(group):
         recorder = Recorder(stop)
-        own = divided(trainer(folder, strategy, recorder, steps=40, **options), group)
+        own = divided(trainer(folder, strategy, recorder, steps=steps, **options), group)
         if resume:
             own.load_state_dict(read_checkpoint(max((folder / "checkpoints").glob("*.pt"))))
         return own.fit(), recorder.reports, own
@@ -56,6 +58,14 @@ def trained(folder, size, strategy="adc", resume=False, stop=None, **options):
     return checkpoint(folder), results
 
 
+def test_two_processes_train_the_bits_of_one(tmp_path):
+    one, _ = trained(tmp_path / "1", 1, steps=16)
+    two, ((summary, _, _), _) = trained(tmp_path / "2", 2, steps=16)
+    assert_same_bits(one, two)
+    assert summary["num_gaussians"] > 100, "refiners have edited rows"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 def test_any_number_of_processes_trains_the_same_bits(tmp_path, strategy):
     one, ((summary, _, _),) = trained(tmp_path / "1", 1, strategy, views_per_step=2)
@@ -66,6 +76,7 @@ def test_any_number_of_processes_trains_the_same_bits(tmp_path, strategy):
         assert results[0][0]["num_gaussians"] == summary["num_gaussians"] > 100
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
     one, _ = trained(tmp_path / "one", 1)
     trained(tmp_path / "two", 2, stop=17)
@@ -74,7 +85,7 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
 
 
 def test_rows_are_shared_evenly_after_every_refinement(tmp_path):
-    _, results = trained(tmp_path, 3)
+    _, results = trained(tmp_path, 3, steps=16)
     counts = [own.parts.team.counts for _, _, own in results[1:]]
     held = [own.parts.model.num_rows for _, _, own in results]
     assert held[0] == sum(counts[0])  # The first process has all of them in the end.
@@ -100,11 +111,43 @@ def test_the_first_step_is_that_of_one_process_up_to_rounding(tmp_path):
 
 
 def test_losses_are_reported_as_by_one_process(tmp_path):
-    _, ((_, one, _),) = trained(tmp_path / "1", 1, "mcmc")
-    _, ((_, two, _), _) = trained(tmp_path / "2", 2, "mcmc")
+    _, ((_, one, _),) = trained(tmp_path / "1", 1, "mcmc", steps=16)
+    _, ((_, two, _), _) = trained(tmp_path / "2", 2, "mcmc", steps=16)
     assert [report.num_gaussians for report in two] == [report.num_gaussians for report in one]
     for first, second in zip(one, two, strict=True):
         assert second.losses == pytest.approx(first.losses, rel=1e-6)
+
+
+def test_the_bytes_of_an_image_are_those_of_the_formula():
+    size, rows, side = 3, 240, 64
+    camera = front_camera(side, side)
+    settings = RenderSettings(statistics=frozenset({Statistic.SCREEN_GRADIENT}))
+
+    def render(group):
+        model = gaussians(rows)
+        own = Division(SHARDS, size).rows_of(group.rank, rows)
+        for column in model.columns().values():
+            column.assign(column.take(torch.arange(own.start, own.stop)))
+        division = Division(SHARDS, size)
+        view = View(group, division, model, fast_rasterizer(), camera, settings, None, rows)
+        view.output.color.sum().backward()
+        view.back()
+        bands = range(len(division.bands(side)))
+        there = [sum(len(shard.sent[band]) for shard in view.shards) for band in bands]
+        own_bands = division.bands_of(group.rank, side)
+        out = sum(there[band] for band in bands if band not in own_bands)
+        back = sum(len(band.splats) for band in view.bands) - sum(there[b] for b in own_bands)
+        return group.bytes_sent, out, back
+
+    found = in_threads(size, render)
+    k = SHAPE + 3
+    # The image is gathered in as many bands as any process has, of four channels.
+    image = 4 * 4 * side * max(len(Division(SHARDS, size).bands_of(r, side)) for r in range(size))
+    image *= Division(SHARDS, size).band_height(side) * (size - 1)
+    for sent, out, back in found:
+        counts = sent - image - 4 * k * out - 4 * (k + 2) * back
+        assert 0 <= counts <= 8 * SHARDS * size
+    assert sum(out for _, out, _ in found) == sum(back for _, _, back in found) > 0
 
 
 MODELS = [CameraModel.PINHOLE, CameraModel.FISHEYE]
