@@ -112,18 +112,24 @@ def memories(word: str) -> Mapping[int, float]:
     return found
 
 
+def say(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
 def show_memory(numbers: Sequence[int], most: int, size: tuple[int, int]) -> None:
     """Print the bytes of each Gaussian in the largest process, and those that it sends."""
     few, many = numbers
-    print(f"\n| {few} and {many} Gaussians | bytes each, largest process | of one process | sent |")
-    print("| --- | --- | --- | --- |")
+    say(f"\n| {few} and {many} Gaussians | bytes each, largest process | of one process | sent |")
+    say("| --- | --- | --- | --- |")
     whole = 0.0
     for way in ways(most):
         first, second = (train(way, points, 6, size) for points in (few, many))
         slope = (second.memory_mb - first.memory_mb) * 1e6 / (many - few)
         whole = whole or slope
         sent = second.bytes_sent / 1e6
-        print(f"| {way.name} | {slope:.0f} | {slope / whole:.2f} | {sent:.2f} MB |", flush=True)
+        say(f"| {way.name} | {slope:.0f} | {slope / whole:.2f} | {sent:.2f} MB |")
 
 
 def show_times(points: int, repeats: int, size: tuple[int, int]) -> None:
@@ -135,12 +141,12 @@ def show_times(points: int, repeats: int, size: tuple[int, int]) -> None:
     for _ in range(repeats):
         for way in chosen:
             found.setdefault(way.name, []).append(median(train(way, points, 24, size).steps_ms))
-    print(f"\n| {points} Gaussians, {size[0]}x{size[1]} | ms of a step | of one process |")
-    print("| --- | --- | --- |")
+    say(f"\n| {points} Gaussians, {size[0]}x{size[1]} | ms of a step | of one process |")
+    say("| --- | --- | --- |")
     first = found[chosen[0].name]
     for name, times in found.items():
         ratio = median(own / one for own, one in zip(times, first, strict=True))
-        print(f"| {name} | {median(times):.1f} | {ratio:.2f} |")
+        say(f"| {name} | {median(times):.1f} | {ratio:.2f} |")
 
 
 def main() -> None:

@@ -56,7 +56,7 @@ class Band:
     splats: Float[Tensor, "m k"]
     """Flat splats of all processes that may reach it, without a graph; they get gradients."""
     counts: tuple[int, ...]
-    """How many of them each process has sent."""
+    """Number of them from each process."""
     output: RenderOutput
 
 
