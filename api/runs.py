@@ -285,10 +285,10 @@ def _train(values: Mapping[str, object], caller: Caller) -> tuple[int, Path]:
     from gsfw.commands.interface.new_training import new_training
     from gsfw.commands.interface.team import check_started, joined
 
-    processes, device = settings.config.processes, settings.config.device
-    check_started(processes)
+    config = settings.config
+    check_started(config.processes)
     command = ["train", *_texts(values)]
-    with joined(processes, device) as team:
+    with joined(config.processes, config.shards, config.device) as team:
         new = new_training(settings, given, registry, command, began, team)
         caller.console.say(str(new))
         code, folder = new.train(caller, registry, team)

@@ -24,8 +24,17 @@ OPTIMIZED = 4
 """Copies of a parameter: itself, its gradient and two moments of Adam."""
 CHECKPOINTED = 3
 """Copies of a parameter in a checkpoint: itself and two moments."""
-SPLAT_BYTES = 14 * FLOAT
-"""A projected splat as it is sent: 14 float32; its gradient has as many."""
+SPLAT_BYTES = 10 * FLOAT
+"""A flat splat as it is sent: place, depth, covariance, opacity and colour."""
+RETURNED_BYTES = 12 * FLOAT
+"""Its gradient as it comes back, with its visibility and radius."""
+SEEN_BYTES = 4 * FLOAT
+"""Statistics of a Gaussian that a view has seen, for every process: its number and three values."""
+EVERY_ROW_BYTES = 32
+"""Statistics of every row of the scene in each process: three of a view, and those of refiners."""
+START_BYTES = 735
+"""Memory of a row while the model is made, which every process does with all rows of the start;
+measured with 400,000 (built-in scene)."""
 CHANNELS = 4
 """Channels of a band that is gathered: colour and alpha."""
 MEASURED_ROWS = 3
@@ -116,11 +125,22 @@ def memory_bytes(rows: float, points: float = 0.0) -> float:
     return BASE_MB * 1e6 + rows * ROW_BYTES + points * POINT_BYTES
 
 
-def gaussian_parallel_memory(rows: float, size: int, view: View, points: float = 0.0) -> float:
-    """Peak bytes of a process of Gaussian parallelism: its rows, and the splats of its band."""
-    received = band_copies(view, size) * view.splats(rows) / size * 2 * SPLAT_BYTES
+def gaussian_parallel_memory(
+    rows: float, size: int, view: View, points: float = 0.0, start: float = 0.0
+) -> float:
+    """Peak bytes of a process of Gaussian parallelism: its rows, and the splats of its band.
+
+    Args:
+        rows: of all processes.
+        size: processes.
+        view: that is rendered.
+        points: of the data set, which every process reads.
+        start: rows at the start; every process makes all of them, and keeps its own.
+    """
+    received = band_copies(view, size) * view.splats(rows) / size * (SPLAT_BYTES + RETURNED_BYTES)
     pictures = 2 * CHANNELS * FLOAT * view.pixels
-    return memory_bytes(rows / size, points) + received + pictures
+    training = memory_bytes(rows / size, points) + received + pictures + rows * EVERY_ROW_BYTES
+    return max(training, memory_bytes(0, points) + start * START_BYTES)
 
 
 def rows_that_fit(memory_mb: float, points: float = 0.0) -> float:
@@ -159,11 +179,14 @@ def band_copies(view: View, size: int) -> float:
 
 
 def gaussian_parallel_bytes(rows: float, size: int, view: View, views: int) -> float:
-    """Bytes that a process sends in a step: splats and bands forward, their gradients back."""
+    """Bytes that a process sends in a step.
+
+    Flat splats to the bands that they touch and the gradients back, its part of each image to all,
+    and the statistics of Gaussians that were seen to all.
+    """
     others = (size - 1) / size
-    splats = view.splats(rows) / size * band_copies(view, size) * SPLAT_BYTES * others
-    bands = CHANNELS * FLOAT * view.pixels * others
-    return views * 2 * (splats + bands)
+    sent = band_copies(view, size) / size * (SPLAT_BYTES + RETURNED_BYTES) + SEEN_BYTES
+    return views * others * (view.splats(rows) * sent + CHANNELS * FLOAT * view.pixels)
 
 
 def exchange_seconds(
@@ -240,4 +263,9 @@ def blocks_for(rows: float, memory_mb: float, points: float, size: int = 1) -> i
     room = rows_that_fit(memory_mb, points) * size
     if room < 1:
         return None
-    return 1 if rows <= room else math.ceil(rows * block_overlap() / room)
+    blocks = 1 if rows <= room else math.ceil(rows * block_overlap() / room)
+    if size == 1:
+        return blocks
+    # The machines of a team share the rows of a block, but each makes all that it starts with.
+    starts = rows_that_fit(memory_mb, points) * ROW_BYTES / START_BYTES
+    return max(blocks, math.ceil(points * block_overlap() / starts))

@@ -159,7 +159,7 @@ class Planner:
                 parameters, size, size, rows, formulas.MEASURED_ROWS
             )
         elif is_divided:
-            memory = formulas.gaussian_parallel_memory(rows, size, VIEW, points)
+            memory = formulas.gaussian_parallel_memory(rows, size, VIEW, points, points)
             sent, own = formulas.gaussian_parallel_bytes(rows, size, VIEW, size), rows / size
         seconds = self._seconds(mode, rows, size)
         work = VISITS * images / size * seconds["100 Gbit/s"]
@@ -193,7 +193,8 @@ class Planner:
             remarks.append(f"{readable(points * POINT_BYTES)} of each are points")
         memory = formulas.memory_bytes(own, points)
         if team > 1:
-            memory = formulas.gaussian_parallel_memory(own, team, VIEW, points)
+            start = formulas.block_rows(points, blocks)
+            memory = formulas.gaussian_parallel_memory(own, team, VIEW, points, start)
         sent = formulas.gaussian_parallel_bytes(own, team, VIEW, team) if team > 1 else 0.0
         return Plan(
             mode, images, rows, machines, memory / 1e6, sent, seconds, hours,

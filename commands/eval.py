@@ -96,12 +96,8 @@ def evaluate_run(restored: Restored, split: Split) -> Evaluation:
     verdict = Verdict(parts, plan, restored.composition.settings.flat(), split)
     with deterministic(parts.device):
         evaluation = evaluate(
-            parts.model,
-            parts.rasterizer,
-            parts.data,
-            parts.metrics,
+            parts,
             plan.settings,
-            parts.device,
             split,
             method=parts.method,
             baselines=verdict.baselines,

@@ -82,7 +82,7 @@ def run(tokens: list[str]) -> int:
 
     found = find_run(arguments.words[0], console.say)
     command = ["resume", *tokens]
-    processes, _ = _asked(found, changed)
+    processes, *_ = _asked(found, changed)
     if starts_workers(processes):
         return run_workers(command, processes)
     return resume_run(found, changed, command, Caller(console, run_training), began)
@@ -113,9 +113,9 @@ def resume_run(
             f"{found.name} cannot go on: a model file has no optimizer and no images.",
             "Give the folder of the run that it was exported from.",
         )
-    processes, device = _asked(found, changed)
+    processes, shards, device = _asked(found, changed)
     check_started(processes)
-    with joined(processes, device) as team:
+    with joined(processes, shards, device) as team:
         return resume_together(found, changed, command, caller, began, team)
 
 
@@ -201,16 +201,19 @@ def _write_settings(settings: Settings, trainer: Trainer, command: Sequence[str]
     write_atomically(trainer.folder.config, write_config(settings, command).encode())
 
 
-def _asked(found: RunArgument, changed: Mapping[str, Any]) -> tuple[int, str]:
-    """Number of processes and device of the continued run; checked with the other settings."""
+def _asked(found: RunArgument, changed: Mapping[str, Any]) -> tuple[int, int, str]:
+    """Processes, shards and device of the continued run; checked with the other settings."""
     from gsfw.plugins.config_file import read_config
 
     recorded: Mapping[str, Any] = {}
     if found.folder.config.is_file():
         recorded = read_config(found.folder.config, everything=True).values
-    settings = {"processes": 0, "device": AUTO, **recorded, **changed}
-    processes = str(settings["processes"])
-    return int(processes) if processes.isdigit() else 0, str(settings["device"])
+    settings = {"processes": 0, "shards": 0, "device": AUTO, **recorded, **changed}
+    processes, shards = (
+        int(text) if text.isdigit() else 0
+        for text in (str(settings["processes"]), str(settings["shards"]))
+    )
+    return processes, shards, str(settings["device"])
 
 
 def _changed(arguments: Arguments) -> Mapping[str, str]:

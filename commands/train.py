@@ -56,7 +56,7 @@ def run(tokens: list[str]) -> int:
 
     given, command = spelled_out(layers(arguments)), ["train", *tokens]
     caller = Caller(console, run_training)
-    with joined(processes, settings.config.device) as team:
+    with joined(processes, settings.config.shards, settings.config.device) as team:
         if (left := run_left(team)) is not None:
             return _go_on(left, processes, caller, began, team)
         new = together(team, lambda: new_training(settings, given, registry, command, began, team))

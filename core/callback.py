@@ -56,7 +56,8 @@ class RunInfo:
     views: int = 0
     """Number of training views; 0 if unknown."""
     model: ModelHandle | None = None
-    """The model, for rendering between steps; ``None`` if no trainer made this."""
+    """The model, for rendering between steps; ``None`` if no trainer made this, or if the rows are
+    in several processes."""
     data: DataManager | None = None
     """The images and cameras of the run; ``None`` as for ``model``."""
     step_costs: tuple[tuple[int, float], ...] = ((0, 1.0),)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -101,6 +102,29 @@ class Column(nn.Module):
             return len(self.offsets) - 1
         return self.values.shape[1 if self.layout is Layout.STACKED else 0]
 
+    def slice(self, start: int, stop: int, values: Tensor | None = None) -> Rows:
+        """Successive rows of the column, or of a tensor laid out like it, without a copy."""
+        source = (self.values if values is None else values).detach()
+        if self.layout is Layout.STACKED:
+            return Rows(source[:, start:stop])
+        if self.offsets is not None:
+            first, last = int(self.offsets[start]), int(self.offsets[stop])
+            return Rows(source[first:last], self.offsets[start : stop + 1].diff())
+        return Rows(source[start:stop])
+
+    @contextmanager
+    def standing_for(self, rows: Rows) -> Iterator[None]:
+        """Let the column have other rows for a time, such as a part of its own."""
+        shown: dict[str, Tensor] = {"values": rows.values}
+        if rows.lengths is not None:
+            shown["offsets"] = _offsets(rows.lengths)
+        self.__dict__.update(shown)  # Found before the parameter, which stays as it is.
+        try:
+            yield
+        finally:
+            for name in shown:
+                del self.__dict__[name]
+
     def _value_indices(self, rows: Int[Tensor, " r"]) -> tuple[Tensor, Tensor]:
         """Indices of the values of ragged ``rows``, and the number of values of each row."""
         assert self.offsets is not None
@@ -175,8 +199,7 @@ class Column(nn.Module):
         self._set_values(rows.values)
         if self.layout is Layout.RAGGED:
             assert rows.lengths is not None
-            zero = rows.lengths.new_zeros(1)
-            self.offsets = torch.cat([zero, rows.lengths.cumsum(0)])
+            self.offsets = _offsets(rows.lengths)
 
     def check_lengths(self, rows: Int[Tensor, " r"], new: Rows) -> None:
         """Check that overwriting ``rows`` keeps the number of values of every row.
@@ -220,6 +243,11 @@ class Column(nn.Module):
         if offsets is not None and self.offsets is not None:
             self.offsets = offsets.to(self.offsets).clone()
         super()._load_from_state_dict(state_dict, prefix, *args)
+
+
+def _offsets(lengths: Int[Tensor, " n"]) -> Int[Tensor, " n_plus_1"]:
+    """The start of each row among the values, and the end of the last one."""
+    return torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
 
 
 def _indices(starts: Int[Tensor, " r"], lengths: Int[Tensor, " r"]) -> Int[Tensor, " m"]:

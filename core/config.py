@@ -274,11 +274,9 @@ class MethodConfig(ABC):
     steps: int = number(30_000, at_least=1)
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     minutes: float = number(0.0, at_least=0, below=math.inf)
-    """Minutes from the start of gsfw train to its end: the run plans its steps, and the rest, so
-    that it ends in time. 0: no limit; steps= decides."""
+    """Minutes of gsfw train from start to end, in which the run plans its steps; 0: no limit."""
     until: str = ""
-    """PSNR in dB that ends the run, on training views that it holds back; auto: when more steps
-    stop paying (as steps=auto)."""
+    """PSNR in dB, on views that the run holds back, that ends it; auto: when steps stop paying."""
     held_back: int = number(0, at_least=0)
     """Training views that are not trained on until the last part of a run with until=."""
     pace: tuple[str, ...] = ()
@@ -291,6 +289,8 @@ class MethodConfig(ABC):
     """Device of the training: auto, cpu, cuda or cuda:N."""
     processes: int = number(0, at_least=0)
     """Processes that share the views of a step; 0: one. 1 has the bits of any number of them."""
+    shards: int = number(0, at_least=0)
+    """Shards of the Gaussians, which the processes share out; 0: every process has all of them."""
     init: str = AUTO
     """Initial splats: auto (points if any), points, random, dense (from the images), or a file."""
     dense_points: int = number(0, at_least=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import torch
 from jaxtyping import Float, Int
@@ -30,6 +30,10 @@ class PrimitiveModel(nn.Module, ABC):
     A model must have ``columns`` and ``splats``. Density control needs more: see
     ``DensifiableModel``.
     """
+
+    divisible: ClassVar[bool] = True
+    """False if the splats or terms of a row depend on other rows: the rows then cannot be divided
+    among processes (shards=N)."""
 
     @abstractmethod
     def columns(self) -> Mapping[str, Column]:

@@ -108,6 +108,10 @@ class Refiner(ABC):
     """False if ``observe`` reads statistics, views and shares alone. In a training with several
     processes the images of the others are then not sent to this one."""
 
+    divisible: ClassVar[bool] = True
+    """False if it reads more of the model than ``DensifiableModel`` has, such as columns: the rows
+    then cannot be divided among processes (shards=N)."""
+
     def statistics(self, step: int) -> frozenset[Statistic]:
         """Statistics to measure at ``step``; none once they are no longer needed."""
         return frozenset()

@@ -7,16 +7,23 @@ of several processes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
-from gsfw.core.render_output import RenderStatistics
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Splats
 
 if TYPE_CHECKING:
     from gsfw.core.loop.forward import RenderedBatch
@@ -26,6 +33,30 @@ if TYPE_CHECKING:
     from gsfw.core.table import SplatTable
 
 Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class RenderedPart:
+    """Rows of a model in one render: all of them, or a part of those of this process."""
+
+    splats: Splats
+    """Their splats, attached to the graph."""
+    statistics: RenderStatistics
+    """Their statistics; empty before the backward pass if other processes measure them."""
+    share: float = 1.0
+    """Fraction of all rows of the model."""
+    shown: Callable[[], AbstractContextManager[None]] = nullcontext
+    """Within this context the model has these rows alone."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """The images of a render, and the parts of the model in it."""
+
+    output: RenderOutput
+    splats: Splats
+    """All splats; such that cannot be read if other processes have some of them."""
+    parts: Sequence[RenderedPart]
 
 
 @dataclass(frozen=True)
@@ -65,6 +96,10 @@ class Team:
             ConfigError: one does not; names it.
         """
 
+    def share(self, parts: TrainingParts) -> TrainingParts:
+        """The parts of a run as this process has them, such as some of the rows."""
+        return replace(parts, team=self)
+
     def stops(self, wanted: bool, table: SplatTable, generator: torch.Generator) -> bool:
         """True if any process wants to stop; called before every step.
 
@@ -81,6 +116,19 @@ class Team:
     def own(self, views: tuple[int, ...]) -> tuple[int, ...]:
         """The views of a step that this process renders."""
         return views
+
+    def render(
+        self,
+        model: PrimitiveModel,
+        rasterizer: Rasterizer,
+        cameras: Cameras,
+        settings: RenderSettings,
+        time: Float[Tensor, ""] | None,
+    ) -> Rendering:
+        """Render a model at ``time``; its images are not decoded."""
+        splats = model.splats(time, cameras)
+        output = rasterizer.render(splats, cameras, settings)
+        return Rendering(output, splats, [RenderedPart(splats, output.statistics)])
 
     def rounds(
         self, batches: Sequence[Batch], views: tuple[int, ...]
@@ -105,6 +153,10 @@ class Team:
         """Complete the gradients of a step; return the losses of all batches."""
         return [item.total.detach() for item in rendered]
 
+    def agreed(self, finite: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+        """True if it is so in all processes; called once in every step."""
+        return finite
+
     def observations(
         self,
         rendered: Sequence[RenderedBatch],
@@ -126,9 +178,42 @@ class Team:
         """Rows that any process has seen."""
         return visible
 
+    def whole(
+        self, state: dict[str, Any], parts: TrainingParts, folder: Path
+    ) -> dict[str, Any] | None:
+        """The state of a run with all rows of its model.
+
+        Args:
+            state: of this process.
+            parts: of this process.
+            folder: the folder of the run; rows of other processes may be kept in it.
+
+        Returns:
+            The state for a checkpoint; ``None`` in processes that write none.
+        """
+        return state if self.leads else None
+
+    def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
+        """The state of this process, from that of a checkpoint."""
+        return state
+
+    def reunited(self, parts: TrainingParts, folder: Path) -> TrainingParts:
+        """The parts of a run that has ended, with all rows in the first process.
+
+        Args:
+            parts: of this process.
+            folder: the folder of the run; rows of other processes may be kept in it.
+        """
+        return parts
+
     def gathered(self, value: Value) -> list[Value]:
         """A value of each process, in order of rank; plain data."""
         return [value]
+
+    @property
+    def shares_rendering(self) -> bool:
+        """True if a process has not all rows: all processes render and evaluate together then."""
+        return False
 
     def summary(self) -> Mapping[str, int]:
         """Figures for the run's summary; empty for one process."""

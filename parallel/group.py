@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -39,6 +39,30 @@ class Group:
         self.bytes_sent += values.nbytes * (self.size - 1) // self.size
         return self._exchanged(values)
 
+    def exchange_rows(self, parts: Sequence[Tensor], received: Sequence[int]) -> list[Tensor]:
+        """Send rows to every process; return those from each, in order of rank.
+
+        Args:
+            parts: [m, k] for each process, of any number of rows.
+            received: number of rows that each process sends to this one.
+        """
+        own = parts[self.rank].nbytes
+        self.bytes_sent += sum(part.nbytes for part in parts) - own
+        return self._exchanged_rows(parts, received)
+
+    def all_gather_rows(self, values: Tensor, counts: Sequence[int]) -> Tensor:
+        """Rows of all processes, one after another in order of rank; every process has its number.
+
+        Args:
+            values: [counts[rank], ...] of this process.
+            counts: number of rows of each process, the same in all.
+        """
+        longest = max(counts)
+        padded = values.new_zeros(longest, *values.shape[1:])
+        padded[: len(values)] = values
+        found = self.all_gather(padded)
+        return torch.cat([part[:count] for part, count in zip(found, counts, strict=True)])
+
     def all_gather(self, values: Tensor) -> Tensor:
         """The tensors of all processes, which have one shape, stacked in order of rank."""
         self.bytes_sent += values.nbytes * (self.size - 1)
@@ -49,6 +73,13 @@ class Group:
         with losses_named():
             dist.all_to_all_single(received, values)
         return received
+
+    def _exchanged_rows(self, parts: Sequence[Tensor], received: Sequence[int]) -> list[Tensor]:
+        sent = torch.cat(list(parts))
+        found = sent.new_empty(sum(received), *sent.shape[1:])
+        with losses_named():
+            dist.all_to_all_single(found, sent, list(received), [len(part) for part in parts])
+        return list(found.split(list(received)))
 
     def _all_gathered(self, values: Tensor) -> Tensor:
         received = values.new_empty(self.size, *values.shape)

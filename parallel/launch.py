@@ -29,6 +29,7 @@ from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
 from gsfw.parallel.environment import patience, rank, world
 from gsfw.parallel.group import Group, losses_named
+from gsfw.parallel.sharded.team import GaussianParallel
 
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")
@@ -36,8 +37,12 @@ FAILED = 1
 
 
 @contextmanager
-def connected(device: torch.device) -> Iterator[Team]:
+def connected(device: torch.device, shards: int = 0) -> Iterator[Team]:
     """The team of this process and the others of its launcher; of this one without a launcher.
+
+    Args:
+        device: of the training.
+        shards: of rows and images; 0 if every process has all rows.
 
     Raises:
         LostProcessError: the others cannot be reached.
@@ -57,7 +62,8 @@ def connected(device: torch.device) -> Iterator[Team]:
     with losses_named():
         dist.init_process_group(backend, timeout=timedelta(minutes=patience()), **options)
     try:
-        yield DataParallel(Group(device))
+        group = Group(device)
+        yield GaussianParallel(group, shards) if shards else DataParallel(group)
     finally:
         dist.destroy_process_group()
 

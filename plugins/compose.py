@@ -107,9 +107,8 @@ class Composition:
         Raises:
             ConfigError: a part does not work with several processes.
         """
-        parts = replace(self.parts, team=team)
-        team.check(parts)
-        return replace(self, parts=parts)
+        team.check(self.parts)
+        return replace(self, parts=team.share(self.parts))
 
     @cached_property
     def resolution(self) -> ResolutionSchedule:

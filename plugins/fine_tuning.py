@@ -74,7 +74,7 @@ def fine_tune(restored: Restored, steps: int, rounded: Rounded) -> Effect:
 def _psnr(restored: Restored, model: PrimitiveModel) -> float | None:
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     metrics = {"psnr": parts.metrics["psnr"]}
-    found = evaluate(model, parts.rasterizer, parts.data, metrics, settings, parts.device)
+    found = evaluate(replace(parts, rendered=model, metrics=metrics), settings)
     return found.means.get("psnr")
 
 

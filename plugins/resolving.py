@@ -131,6 +131,9 @@ class Resolving:
         assert self._config.sampler is not None
         sampler = self._with_values("sampler", self._config.sampler)
         views = getattr(sampler, "views_per_step", None)
+        shards, _ = last(self._layers, "shards")
+        if shards is not None and as_text(shards) != "0":  # They render the same views together.
+            return
         if processes < 2 or views is None or any(key in layer.values for layer in self._layers):
             return
         steps, _ = last(self._layers, "steps")

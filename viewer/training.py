@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.errors import ConfigError
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import installed
@@ -51,7 +52,11 @@ class TrainingViewer(Callback):
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the server, and print its address."""
-        assert run.model is not None, "the trainer tells"
+        if run.model is None:
+            raise ConfigError(
+                "viewer=true: the page needs all Gaussians, and several processes share them.",
+                "Train with viewer=false, and open the result with gsfw view.",
+            )
         self._control = control
         handle = run.model
         background = handle.settings.background

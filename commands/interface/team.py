@@ -73,21 +73,26 @@ def run_workers(tokens: Sequence[str], processes: int) -> int:
 
 
 @contextmanager
-def joined(processes: int, device: str) -> Iterator[Team]:
+def joined(processes: int, shards: int, device: str) -> Iterator[Team]:
     """The team of this process, connected to the others of its launcher.
+
+    Args:
+        processes: their number; 0 for a process that trains alone, unless there are shards.
+        shards: of rows and images; 0 if the views are divided.
+        device: of the training.
 
     Raises:
         TrainingError: the others cannot be reached.
     """
     from gsfw.core.team import ALONE
 
-    if processes == 0:
+    if processes == 0 and shards == 0:
         yield ALONE
         return
     from gsfw.parallel.launch import connected
     from gsfw.plugins.devices import find_device
 
-    with connected(find_device(device)) as team, _own_errors_told():
+    with connected(find_device(device), shards) as team, _own_errors_told():
         yield team
 
 

@@ -14,10 +14,11 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
-from gsfw.core.datamanager import DataManager, Split, spread
+from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.device import wait_for
 from gsfw.core.loop.findings import Finding
+from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.method import Method
 from gsfw.core.metrics import Metric, is_one_color
 from gsfw.core.model import PrimitiveModel
@@ -102,12 +103,8 @@ def render_model(
 
 @torch.no_grad()
 def evaluate(
-    model: PrimitiveModel,
-    rasterizer: Rasterizer,
-    data: DataManager,
-    metrics: Mapping[str, Metric],
+    parts: TrainingParts,
     settings: RenderSettings,
-    device: torch.device,
     split: Split = Split.EVAL,
     on_view: Callable[[EvaluatedView], None] | None = None,
     method: Method | None = None,
@@ -121,6 +118,7 @@ def evaluate(
     compared, evenly spread.
     """
     assert settings.background is not None
+    data, metrics, device = parts.data, parts.metrics, parts.device
     views = data.views(split)
     watch = None
     if data.scene.is_dynamic and views.times:
@@ -134,7 +132,7 @@ def evaluate(
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
         started = time.perf_counter()
-        output = render_model(model, rasterizer, batch.cameras, settings, batch.time)
+        output = parts.render(batch.cameras, settings, batch.time).output
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
         target = batch.target(settings.background)[0]

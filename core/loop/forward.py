@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.returns import HOW_TO_TERM, checked_terms
+from gsfw.core.team import RenderedPart
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class RenderedBatch:
     """Names of the terms that compare with the images."""
     total: Tensor
     """Sum of all terms, times this batch's share of the step."""
+    by_rows: Sequence[Mapping[str, Tensor]] = ()
+    """The terms of each part of the rows, which do not compare with the images."""
 
     @property
     def data_loss(self) -> Tensor:
@@ -86,14 +89,12 @@ class Forward:
         settings = self._with_refiners(base, step)
         background = settings.background
         assert background is not None
-        splats = parts.shown.splats(batch.time, batch.cameras)
-        output = parts.rasterizer.render(splats, batch.cameras, settings)
-        rendered = parts.shown.decode(output, batch.cameras)
+        rendering = parts.render(batch.cameras, settings, batch.time)
+        splats = rendering.splats
         bare = replace(base, statistics=frozenset(), contribution_weights=None)
 
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
-            splats = parts.shown.splats(time, cameras)
-            return parts.shown.decode(parts.rasterizer.render(splats, cameras, bare), cameras)
+            return parts.render(cameras, bare, time).output
 
         def contributions(weights: Float[Tensor, "c h w 1"]) -> Float[Tensor, "c m"]:
             return parts.rasterizer.contributions(splats, batch.cameras, weights, settings)
@@ -103,7 +104,7 @@ class Forward:
             steps=self._plan.steps,
             batch=batch,
             splats=splats,
-            rendered=parts.corrections.expose(rendered, batch.views, background),
+            rendered=parts.corrections.expose(rendering.output, batch.views, background),
             target=batch.target(background),
             num_rows=len(parts.table),
             share=share,
@@ -112,7 +113,7 @@ class Forward:
             render=render_view,
             contributions=contributions,
         )
-        return self._with_losses(context)
+        return self._with_losses(context, rendering.parts)
 
     def absent(self, view: int, step: int, share: float) -> StepContext:
         """The context of a view that another process has rendered: without images and splats."""
@@ -133,7 +134,7 @@ class Forward:
             contributions=nothing,
         )
 
-    def _with_losses(self, context: StepContext) -> RenderedBatch:
+    def _with_losses(self, context: StepContext, rendered: Sequence[RenderedPart]) -> RenderedBatch:
         """The batch with its terms, which are checked: those of plugins have any form.
 
         Raises:
@@ -144,20 +145,34 @@ class Forward:
         data_losses = checked_terms(f"{method}: losses", parts.method.losses(context))
         if not data_losses:
             raise ConfigError(f"{method}: losses returned no term.", HOW_TO_TERM)
-        source = f"{type(parts.model).__name__}.regularizers"
-        terms = (
-            data_losses,
-            checked_terms(source, parts.model.regularizers(context)),
-            parts.refiners.regularizers(context),
-        )
-        losses = {name: value for found in terms for name, value in found.items()}
+        by_rows = [self._regularizers(context, part) for part in rendered]
+        losses = dict(data_losses)
+        for terms in by_rows:
+            for name, value in terms.items():
+                losses[name] = losses[name] + value if name in losses else value
         total = torch.stack(list(losses.values())).sum() * context.share
         if not total.requires_grad:
             raise ConfigError(
                 f"{method}: losses returned {', '.join(data_losses)} without gradients.",
                 "Compute them from context.rendered without detach(), item() or no_grad().",
             )
-        return RenderedBatch(context, losses, tuple(data_losses), total)
+        return RenderedBatch(context, losses, tuple(data_losses), total, by_rows)
+
+    def _regularizers(self, context: StepContext, part: RenderedPart) -> dict[str, Tensor]:
+        """The terms of the model and of the refiners for a part of the rows, times its share."""
+        parts = self._parts
+        seen = replace(
+            context,
+            splats=part.splats,
+            rendered=replace(context.rendered, statistics=part.statistics),
+        )
+        with part.shown():
+            source = f"{type(parts.model).__name__}.regularizers"
+            terms = checked_terms(source, parts.model.regularizers(seen))
+            terms = {**terms, **parts.refiners.regularizers(seen)}
+        if part.share == 1.0:
+            return terms
+        return {name: value * part.share for name, value in terms.items()}
 
     def _with_refiners(self, settings: RenderSettings, step: int) -> RenderSettings:
         """The same settings with the statistics and the depth that refiners need."""
@@ -198,6 +213,18 @@ def culprits(rendered: list[RenderedBatch]) -> str:
         if not value.isfinite()
     }
     return f" Loss terms that are not finite: {', '.join(found)}." if found else ""
+
+
+def without_data(rendered: list[RenderedBatch]) -> list[RenderedBatch]:
+    """The batches with the terms of the rows alone."""
+    return [
+        replace(
+            item,
+            losses={k: v for k, v in item.losses.items() if k not in item.data_losses},
+            data_losses=(),
+        )
+        for item in rendered
+    ]
 
 
 def shared_losses(rendered: list[RenderedBatch]) -> dict[str, float]:

@@ -13,7 +13,6 @@ from typing import Any
 import torch
 
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import psnr
 
@@ -91,7 +90,7 @@ def mean_psnr(parts: TrainingParts, plan: TrainingPlan, views: Sequence[int]) ->
     found = []
     for view in views:
         (batch,) = parts.data.load(Split.TRAIN, [view], parts.device)
-        output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
+        output = parts.render(batch.cameras, settings, batch.time).output
         valid = None if batch.valid is None else batch.valid[0]
         found.append(psnr(output.color[0], batch.target(settings.background)[0], valid))
     return sum(found) / len(found)

@@ -66,10 +66,9 @@ class Optimizer:
         self._operators = operators
         self._settings = settings
         self._frozen: set[str] = set()
-        self._moments: dict[str, list[AdamMoments]] = {
-            name: [AdamMoments.zeros_like(tensor) for tensor in tensors]
-            for name, tensors in self._tensors().items()
-        }
+        # Made when they are first needed: a run that only renders has none, and a process that
+        # trains a part of the rows has those of its part.
+        self._moments: dict[str, list[AdamMoments]] = {}
 
     @property
     def sparse(self) -> bool:
@@ -106,6 +105,10 @@ class Optimizer:
         """All optimized tensors, in the same order in every step."""
         return [tensor for group in self._tensors().values() for tensor in group]
 
+    def group_tensors(self) -> list[Tensor]:
+        """The optimized tensors that belong to no row, in the same order in every step."""
+        return [tensor for group in self._groups() for tensor in group.parameters]
+
     def gradients(self) -> list[Tensor]:
         """All current gradients."""
         return [tensor.grad for tensor in self.tensors() if tensor.grad is not None]
@@ -131,11 +134,11 @@ class Optimizer:
         rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
         for name, column in self._model.columns().items():
             if column.trained and name not in self._frozen:
-                self._step_column(column, self._moments[name][0], rates[name], finite, rows)
+                self._step_column(column, self.moments(name)[0], rates[name], finite, rows)
         for group in self._groups():
             if group.name in self._frozen:
                 continue
-            for tensor, moments in zip(group.parameters, self._moments[group.name], strict=True):
+            for tensor, moments in zip(group.parameters, self.moments(group.name), strict=True):
                 if tensor.grad is None:
                     continue
                 if group.weight_decay:
@@ -171,7 +174,10 @@ class Optimizer:
         self._operators.adam_(values, gradient, moments, rate, adam, finite, rows)
 
     def moments(self, name: str) -> list[AdamMoments]:
-        """Adam's stored state of a column or group."""
+        """Adam's stored state of a column or group; zeros before its first step."""
+        if name not in self._moments:
+            tensors = self._tensors()[name]
+            self._moments[name] = [AdamMoments.zeros_like(tensor) for tensor in tensors]
         return self._moments[name]
 
     def replace_moments(self, name: str, moments: list[AdamMoments]) -> None:
@@ -185,10 +191,8 @@ class Optimizer:
 
     def reset(self, names: Iterable[str]) -> None:
         """Start these columns or groups with fresh moments and step counts."""
-        tensors = self._tensors()
         for name in names:
-            if name in tensors:
-                self._moments[name] = [AdamMoments.zeros_like(tensor) for tensor in tensors[name]]
+            self._moments.pop(name, None)
 
     def freeze(self, names: Iterable[str]) -> None:
         """Stop the optimization of these columns or groups."""
@@ -197,8 +201,11 @@ class Optimizer:
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain data."""
         moments = {
-            name: [{"first": m.first, "second": m.second, "count": m.count} for m in group]
-            for name, group in self._moments.items()
+            name: [
+                {"first": m.first, "second": m.second, "count": m.count}
+                for m in self.moments(name)
+            ]
+            for name in self._tensors()
         }
         return {"moments": moments, "frozen": sorted(self._frozen)}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from collections.abc import Mapping
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
-from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.atomic import atomic_file, write_atomically
 from gsfw.core.files.json_text import json_text
 
 if TYPE_CHECKING:
@@ -136,10 +135,14 @@ class RunFolder:
         import torch
 
         check_finite(state)
-        buffer = io.BytesIO()
-        torch.save({"schema": CHECKPOINT_SCHEMA, "step": step, **state}, buffer)
         path = self.checkpoint(step)
-        write_atomically(path, buffer.getvalue())
+        with atomic_file(path) as file:
+            try:
+                torch.save({"schema": CHECKPOINT_SCHEMA, "step": step, **state}, file)
+            except RuntimeError as error:
+                if isinstance(error.__context__, OSError):  # torch hides that the disk is full.
+                    raise error.__context__ from None
+                raise
         kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
         for other in self._all_checkpoints():
             if other not in kept:

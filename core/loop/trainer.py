@@ -17,7 +17,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
-from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses
+from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses, without_data
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -61,7 +61,9 @@ class Trainer:
         self.walk = Walk(plan.pace, views, plan.held_back, timekeeper, goal)
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
-        self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
+        self._handle: ModelHandle | None = None
+        if not parts.team.shares_rendering:
+            self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
         self._verdict = Verdict(parts, plan, info.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
@@ -145,7 +147,7 @@ class Trainer:
                 self.step,
                 self.plan.steps,
                 parts.table,
-                parts.model,
+                parts.refined,
                 parts.generator,
                 limits,
                 parts.operators,
@@ -180,7 +182,7 @@ class Trainer:
         is_evaluated = any(
             evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
         )
-        if is_evaluated and is_calm and self.parts.team.leads:
+        if is_evaluated and is_calm and self._takes_part:
             self._evaluate()
             self._stopwatch.restart()
         due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
@@ -195,7 +197,9 @@ class Trainer:
     def _report(self, rendered: list[RenderedBatch]) -> None:
         self._catch_up()
         team = self.parts.team
-        own = (shared_losses(rendered), peak_memory_mb(self.parts.device))
+        # Processes that share rendering have the same images, and their own rows.
+        named = rendered if team.leads or not team.shares_rendering else without_data(rendered)
+        own = (shared_losses(named), peak_memory_mb(self.parts.device))
         losses, memory = map(_summed, zip(*team.gathered(own), strict=True))
         if not team.leads:
             return
@@ -230,14 +234,17 @@ class Trainer:
     def _check_skipped(self, rendered: list[RenderedBatch]) -> None:
         """Stop after too many steps in a row that were not finite; reads the flag rarely.
 
-        Only the first of several processes does, and ends the others.
+        Only the first of several processes does, and ends the others, unless all have to
+        write the state together.
         """
-        if not self.parts.team.leads:
+        if not self._takes_part:
             return
         self._catch_up()
         skipped_in_a_row = self._updates.skipped_in_a_row
         if skipped_in_a_row >= self.plan.max_skipped:
             self._checkpoint()  # Skipped steps change no parameter: the state is finite.
+            if not self.parts.team.leads:
+                return
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
                 f"stopped at step {self.step}.{culprits(rendered)}",
@@ -258,12 +265,8 @@ class Trainer:
         """The evaluation of the model as it is, with its findings."""
         parts = self.parts
         evaluation = evaluate(
-            parts.shown,
-            parts.rasterizer,
-            parts.data,
-            parts.metrics,
+            parts,
             self.plan.settings,
-            parts.device,
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
             baselines=self._verdict.baselines,
@@ -275,7 +278,7 @@ class Trainer:
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
-        if not self.parts.team.leads:
+        if not self._takes_part:
             return {"completed": completed}
         if self._checkpointed != self.walk.updates:
             self._checkpoint()
@@ -287,6 +290,8 @@ class Trainer:
             summary |= evaluation.time_document() | evaluation.verdict_document()
         else:
             summary["stopped"] = self.control.stop_reason
+        team = self.parts.team
+        self.parts = team.reunited(self.parts, self.folder.path)
         summary |= {
             "num_gaussians": len(self.parts.table),
             "train_seconds": round(self.train_seconds, 3),
@@ -294,7 +299,7 @@ class Trainer:
             **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
             "skipped_steps": self._updates.skipped,
             **self._sizes(),
-            **self.parts.team.summary(),
+            **team.summary(),
             **self.parts.corrections.summary(),
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
@@ -311,13 +316,21 @@ class Trainer:
 
     # State.
 
+    @property
+    def _takes_part(self) -> bool:
+        """True if this process evaluates and gathers checkpoints: the first one, or all."""
+        return self.parts.team.leads or self.parts.team.shares_rendering
+
     def _checkpoint(self) -> None:
         self._catch_up()
-        if not self.parts.team.leads:
+        if not self._takes_part:
+            return
+        self._checkpointed = self.walk.updates
+        state = self.parts.team.whole(self.state_dict(), self.parts, self.folder.path)
+        if state is None:
             return
         with stage("writing a checkpoint"), self.walk.apart():
-            path = self.folder.write_checkpoint(self.step, self.state_dict())
-        self._checkpointed = self.walk.updates
+            path = self.folder.write_checkpoint(self.step, state)
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
@@ -342,6 +355,7 @@ class Trainer:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from a checkpoint of any device."""
         parts = self.parts
+        state = parts.team.own_state(state, parts)
         parts.model.load_state_dict(state["model"])
         parts.corrections.load_state(state)
         parts.optimizer.load_state_dict(state["optimizer"])

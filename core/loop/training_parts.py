@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.optimizer import Optimizer
@@ -20,7 +23,7 @@ from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.sampler import Sampler
 from gsfw.core.table import SplatTable
-from gsfw.core.team import Team
+from gsfw.core.team import Rendering, Team
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,24 @@ class TrainingParts:
     rendered: PrimitiveModel | None = None
     """A model that is rendered in place of it, such as the same with rounded columns; ``None``:
     the model itself."""
+
+    edited: PrimitiveModel | None = None
+    """The model as refiners see it, if this process has a part of its rows; ``None``: itself."""
+
+    def render(
+        self,
+        cameras: Cameras,
+        settings: RenderSettings,
+        time: Float[Tensor, ""] | None = None,
+    ) -> Rendering:
+        """Render ``shown`` at ``time``, with decoded images; all processes of the team do."""
+        found = self.team.render(self.shown, self.rasterizer, cameras, settings, time)
+        return replace(found, output=self.shown.decode(found.output, cameras))
+
+    @property
+    def refined(self) -> PrimitiveModel:
+        """The model that refiners observe and edit: all its rows."""
+        return self.model if self.edited is None else self.edited
 
     @property
     def shown(self) -> PrimitiveModel:

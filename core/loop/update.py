@@ -92,6 +92,7 @@ class Update:
         parts = self._parts
         losses = parts.team.finish(rendered, parts.optimizer)
         finite = parts.operators.all_finite([*losses, *parts.optimizer.gradients()])
+        finite = parts.team.agreed(finite)
         self._skipped += ~finite
         self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
         return finite
@@ -123,7 +124,7 @@ class Update:
             return forward.absent(view, step, 1 / len(views))
 
         for seen in parts.team.observations(rendered, parts.refiners, absent):
-            parts.refiners.observe(seen.context, seen.statistics.where(finite), parts.model)
+            parts.refiners.observe(seen.context, seen.statistics.where(finite), parts.refined)
             batch = seen.context.batch.views
             with torch.no_grad():
                 loss = torch.where(finite, seen.data_loss, 0.0)

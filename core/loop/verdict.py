@@ -11,7 +11,7 @@ import torch
 
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.baselines import Baselines
-from gsfw.core.loop.evaluation import Evaluation, render_model
+from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.findings import Evidence, Finding, judge
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import is_one_color, psnr
@@ -48,7 +48,7 @@ class Verdict:
         background, device = plan.settings.background, parts.device
         self.baselines = Baselines(parts.data, split, background, device)
         self._of_training = Baselines(parts.data, Split.TRAIN, background, device)
-        self._most_visible = parts.model.num_rows
+        self._most_visible = parts.refined.num_rows
         self._known: frozenset[str] = frozenset()
 
     @torch.no_grad()
@@ -72,7 +72,7 @@ class Verdict:
             step=step,
             completed=step >= self._plan.steps,
             what="held-out views" if held_out else "training views",
-            rows=self._parts.model.num_rows,
+            rows=self._parts.refined.num_rows,
             visible=visible,
             most_visible=self._most_visible,
         )
@@ -96,7 +96,7 @@ class Verdict:
 
     def _visible(self) -> int | None:
         """Number of rows that are opaque enough for one pixel; ``None`` if unknown."""
-        model = self._parts.model
+        model = self._parts.refined
         if not isinstance(model, DensifiableModel):
             return None
         return int((model.opacities() >= self._plan.settings.profile.alpha_min).sum())
@@ -110,9 +110,7 @@ class Verdict:
         per_view, one_color = [], 0
         for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
-            output = render_model(
-                parts.shown, parts.rasterizer, batch.cameras, settings, batch.time
-            )
+            output = parts.render(batch.cameras, settings, batch.time).output
             image, target = output.color[0], batch.target(settings.background)[0]
             valid = None if batch.valid is None else batch.valid[0]
             per_view.append({"psnr": psnr(image, target, valid)})

@@ -49,11 +49,10 @@ class SyntheticData(DataManager):
             Split.EVAL: self._cameras(config.eval_views, HELD_OUT, request.downscale),
         }
         with one_thread():
-            self._surface = find_surface(
-                self._solids, world[Split.TRAIN], config.points, config.seed
-            )
+            surface = find_surface(self._solids, world[Split.TRAIN], config.points, config.seed)
+        self._marks = surface.marks
         poses = torch.cat([camera.world_to_camera for camera in world[Split.TRAIN]])
-        frame, extent = scene_frame(poses, self._surface.world)
+        frame, extent = scene_frame(poses, surface.world)
         self._views = {split: self._in_scene(split, world[split], frame) for split in Split}
         sizes = [camera.width * camera.height * 4 for split in Split for camera in world[split]]
         self._loader = Loader(
@@ -63,12 +62,12 @@ class SyntheticData(DataManager):
         )
         self._scene = Scene(
             name="synthetic-moving" if config.moving else "synthetic",
-            points=frame.apply(self._surface.world).float(),
-            point_colors=self._surface.colors,
+            points=frame.apply(surface.world).float(),
+            point_colors=surface.colors,
             camera_centers=torch.cat([c.centers for c in self._views[Split.TRAIN].cameras]),
             extent=extent,
             world_from_scene=frame.inverse(),
-            point_times=self._surface.times if config.moving else None,
+            point_times=surface.times if config.moving else None,
             time_range=(0.0, 1.0) if config.moving else None,
             num_times=config.times if config.moving else 0,
             has_alpha=True,
@@ -148,7 +147,7 @@ class SyntheticData(DataManager):
 
     def tracks(self, times: Sequence[float]) -> Tracks:
         """The true paths of ``scene.points``, in the scene frame, at times in [0, 1]."""
-        tracks = self._surface.marks.tracks(self._solids, times)
+        tracks = self._marks.tracks(self._solids, times)
         frame = self._scene.world_from_scene.inverse()
         return replace(tracks, positions=frame.apply(tracks.positions))
 
@@ -178,7 +177,7 @@ def find_surface(
     rows = torch.cat(found)
     rows = rows[torch.randperm(len(rows), generator=generator)[:count]]
     solid, own, world, colors, times = rows.split([1, 3, 3, 3, 1], dim=1)
-    marks = Marks(solid[:, 0].long(), own)
+    marks = Marks(solid[:, 0].long(), own.contiguous())  # Not a view of all rows.
     return SurfacePoints(marks, world, colors.float(), times[:, 0].float())
 
 

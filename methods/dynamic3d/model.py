@@ -49,6 +49,8 @@ class Regularization:
 class TrackedGaussians(DensifiableModel):
     """Persistent rows: each is the same piece of surface at all times."""
 
+    divisible = False  # Neighbours.
+
     def __init__(
         self, canonical: StaticGaussians, regularization: Regularization, moving_colors: bool
     ) -> None:

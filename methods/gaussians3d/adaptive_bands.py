@@ -42,6 +42,7 @@ class AdaptiveBands(Refiner):
     """Rounds; the gradients of all views, or of ``every`` steps, are gathered before each."""
 
     name = "bands"
+    divisible = False
 
     def __init__(self, config: BandsConfig, gaussians: StaticGaussians, views: int) -> None:
         """Store the Gaussians, which have degrees of their own.

@@ -43,6 +43,7 @@ class Settling(Refiner):
     """Compares rows at several times in regular rounds; makes them static, or lets them move."""
 
     name = "settling"
+    divisible = False
 
     def __init__(self, config: MovingConfig, model: MovingGaussians) -> None:
         """Store a model with rows that may be static.

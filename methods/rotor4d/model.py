@@ -76,6 +76,8 @@ class SlicedGaussians(MovingGaussians):
     Static rows have neither: they are static Gaussians, with that first quaternion.
     """
 
+    divisible = False  # Neighbours.
+
     def __init__(
         self,
         canonical: StaticGaussians,

@@ -45,6 +45,7 @@ class Simplification(Refiner):
     """Simplifies rows every ``motion_every`` steps, from ``motion_start`` on."""
 
     name = "motion"
+    divisible = False
 
     def __init__(self, config: SpacetimeConfig, model: AdaptiveSpacetimeGaussians) -> None:
         """Store the model whose rows lose parameters."""

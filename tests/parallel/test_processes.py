@@ -37,9 +37,17 @@ def rows(folder: Path) -> int:
     return next(len(v) for k, v in state(folder)["model"].items() if k.endswith("means.values"))
 
 
-def train(method: str, out: Path, processes: int, launcher: tuple[str, ...] = ()) -> str:
+def train(
+    method: str,
+    out: Path,
+    processes: int,
+    launcher: tuple[str, ...] = (),
+    shards: int = 0,
+    steps: int = 200,
+) -> str:
     """Train by some processes; returns what was printed."""
-    words = ("train", *METHODS[method], *SCENE, "steps=200", "checkpoint_every=100", f"out={out}")
+    words = ("train", *METHODS[method], *SCENE, f"steps={steps}", f"shards={shards}")
+    words += (f"checkpoint_every={steps // 2}", f"out={out}")
     if launcher:
         return finished((*launcher, "-m", "gsfw", *words)).stdout
     return finished(command(*words, f"processes={processes}")).stdout
@@ -55,11 +63,24 @@ def alone(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("method", ["mcmc", "spacetime"])
-def test_one_and_two_processes_train_the_same_bits(tmp_path, method):
+def test_one_and_four_processes_train_the_same_bits(tmp_path, method):
     train(method, tmp_path / "1", 1)
-    train(method, tmp_path / "2", 2)
     assert rows(tmp_path / "1") > 500
-    assert_same_bits(state(tmp_path / "2"), state(tmp_path / "1"))
+    train(method, tmp_path / "4", 4)
+    assert_same_bits(state(tmp_path / "4"), state(tmp_path / "1"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_processes_that_share_the_gaussians_train_the_bits_of_one(tmp_path, method):
+    one, four = RunFolder(tmp_path / "1"), RunFolder(tmp_path / "4")
+    train(method, one.path, 1, shards=4, steps=100)
+    assert rows(one.path) > 500
+    assert "4 processes" in train(method, four.path, 4, shards=4, steps=100)
+    assert_same_bits(state(four.path), state(one.path))
+    four.checkpoint(100).unlink()
+    four.summary.unlink()
+    finished(command("resume", str(four.path), "processes=2"))
+    assert_same_bits(state(four.path), state(one.path))
 
 
 def test_four_processes_train_the_bits_of_one(tmp_path, alone):
@@ -129,6 +150,10 @@ def test_a_killed_process_ends_the_others_and_the_checkpoint_goes_on(tmp_path, r
         (("method=3dgs", "minutes=3"), "processes=2 and minutes=: runs of several processes end"),
         (("method=3dgs", "data=/nothing", "steps=9"), "data=/nothing: there is no such file"),
         (("method=3dgs", "sh=adaptive", "steps=9"), r"\(bands\) watches the backward pass"),
+        (("method=3dgs", "shards=1", "steps=9"), "2 processes, more than shards"),
+        (("method=3dgs", "shards=2", "strategy=error", "steps=9"), "watches the backward pass"),
+        (("method=3dgs", "shards=2", "viewer=true", "steps=9"), "viewer"),
+        (("method=4d-rotor", "shards=2", "datamanager.moving=true", "steps=9"), "other rows"),
     ],
 )
 def test_mistakes_have_one_message(tmp_path, words, sentence):

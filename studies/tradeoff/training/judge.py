@@ -48,9 +48,7 @@ class RunJudge:
         restored = self._open(result)
         parts, settings = restored.composition.parts, restored.composition.plan.settings
         with deterministic(parts.device):
-            found = evaluate(
-                parts.model, parts.rasterizer, parts.data, parts.metrics, settings, parts.device
-            )
+            found = evaluate(parts, settings)
         parts.data.close()
         return {PSNR: found.means["psnr"], SSIM: found.means["ssim"]}
 

@@ -7,17 +7,47 @@ from support.moving_scene import WHITE, MovingImages, two_balls
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import evaluate
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.metrics import Psnr, Ssim, psnr
+from gsfw.core.operators import Operators
+from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.moving_region import UNKNOWN
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+from gsfw.samplers.uniform import UniformSampler
 
 CPU = torch.device("cpu")
 FIXED = [(0.0, 3.0), (0.5, 3.0), (1.0, 3.0)]
 
 
+def parts_of(data, model, metrics) -> TrainingParts:
+    """The parts of a run, of which an evaluation reads some."""
+    operators = Operators()
+    optimizer = Optimizer(model, operators, OptimizerSettings())
+    return TrainingParts(
+        method=StaticGaussiansConfig().build(),
+        model=model,
+        optimizer=optimizer,
+        table=SplatTable(model, optimizer),
+        refiners=Refiners([]),
+        sampler=UniformSampler(1, 1, 0),
+        data=data,
+        rasterizer=fast_rasterizer(),
+        operators=operators,
+        metrics=metrics,
+        generator=torch.Generator(),
+        device=CPU,
+    )
+
+
 def run(data, model=None, split=Split.EVAL, on_view=None):
     metrics = {"psnr": Psnr(), "ssim": Ssim()}
-    model = model or two_balls()
-    return evaluate(model, fast_rasterizer(), data, metrics, WHITE, CPU, split, on_view)
+    return evaluate(parts_of(data, model or two_balls(), metrics), WHITE, split, on_view)
+
+
+def sampled(data, most):
+    return evaluate(parts_of(data, two_balls(), {"psnr": Psnr()}), WHITE, most=most)
 
 
 def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
@@ -104,7 +134,7 @@ def test_a_static_capture_has_none_of_this():
 
 def test_a_sample_is_spread_over_the_views_and_says_of_how_many():
     data = MovingImages([(None, 3.0 + 0.01 * i) for i in range(20)], train=[(None, 4.0)])
-    found = evaluate(two_balls(), fast_rasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=5)
+    found = sampled(data, 5)
     assert found.views == ("eval_0", "eval_4", "eval_9", "eval_14", "eval_19")
     assert len(found.per_view) == 5
     assert found.count == "5 of 20"
@@ -113,7 +143,7 @@ def test_a_sample_is_spread_over_the_views_and_says_of_how_many():
 
 def test_a_sample_of_a_moving_scene_has_its_own_times_only():
     data = MovingImages([(i / 8, 3.0) for i in range(9)])
-    found = evaluate(two_balls(), fast_rasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=3)
+    found = sampled(data, 3)
     assert [point["time"] for point in found.over_time] == [0.0, 4 / 8, 8 / 8]
     assert found.notes["flicker"].startswith("2 pairs of neighbouring times, 0.5 apart")
 

@@ -52,9 +52,7 @@ def records(model, variants, tmp_path_factory):
 
 def test_the_model_as_it_is_has_the_figures_of_gsfw_eval(model, records):
     parts, settings = model.parts, model.subject.settings
-    expected = evaluate(
-        parts.model, parts.rasterizer, parts.data, parts.metrics, settings, parts.device
-    )
+    expected = evaluate(parts, settings)
     first = records[("as it is", "as it is")]
     assert first.means == expected.means
     assert first.floats == 150 * 59

@@ -1,0 +1,259 @@
+"""Gaussian parallelism: rows and images are divided among processes, and no bit changes by that.
+
+Threads stand for processes here; tests/parallel/test_processes.py has real ones.
+"""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from support.fast_rasterizer import fast_rasterizer
+from support.gaussians import gaussians
+from support.memory_training import Recorder, trainer, with_parts
+from support.scenes import front_camera, random_splats
+from support.states import assert_same_bits
+from support.thread_group import in_threads
+
+from gsfw.core.cameras import CameraModel
+from gsfw.core.errors import ConfigError
+from gsfw.core.loop.run_folder import read_checkpoint
+from gsfw.core.render_settings import Depth, RenderSettings, Statistic
+from gsfw.parallel.sharded.division import TILE, Division
+from gsfw.parallel.sharded.projection import SHAPE, band_camera, drawn, project
+from gsfw.parallel.sharded.team import GaussianParallel
+from gsfw.parallel.sharded.view import View
+
+# Whole trainings; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
+SHARDS = 4
+
+
+def divided(run, group):
+    """The trainer of one process, with its share of the rows."""
+    team = GaussianParallel(group, SHARDS)
+    team.check(run.parts)
+    parts = team.share(run.parts)
+    return with_parts(run, team=team, table=parts.table, edited=parts.edited)
+
+
+def checkpoint(folder):
+    state = read_checkpoint(max((folder / "checkpoints").glob("*.pt")))
+    return {name: value for name, value in state.items() if name != "train_seconds"}
+
+
+def trained(folder, size, strategy="adc", resume=False, stop=None, steps=40, **options):
+    """The checkpoint, and the summary and reports of each process."""
+
+    def run(group):
+        recorder = Recorder(stop)
+        own = divided(trainer(folder, strategy, recorder, steps=steps, **options), group)
+        if resume:
+            own.load_state_dict(read_checkpoint(max((folder / "checkpoints").glob("*.pt"))))
+        return own.fit(), recorder.reports, own
+
+    results = in_threads(size, run)
+    return checkpoint(folder), results
+
+
+def test_two_processes_train_the_bits_of_one(tmp_path):
+    one, _ = trained(tmp_path / "1", 1, steps=16)
+    two, ((summary, _, _), _) = trained(tmp_path / "2", 2, steps=16)
+    assert_same_bits(one, two)
+    assert summary["num_gaussians"] > 100, "refiners have edited rows"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+def test_any_number_of_processes_trains_the_same_bits(tmp_path, strategy):
+    one, ((summary, _, _),) = trained(tmp_path / "1", 1, strategy, views_per_step=2)
+    for size in (2, 3):
+        several, results = trained(tmp_path / str(size), size, strategy, views_per_step=2)
+        assert_same_bits(one, several)
+        assert results[0][0]["psnr"] == summary["psnr"]
+        assert results[0][0]["num_gaussians"] == summary["num_gaussians"] > 100
+
+
+@pytest.mark.slow
+def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
+    one, _ = trained(tmp_path / "one", 1)
+    trained(tmp_path / "two", 2, stop=17)
+    several, _ = trained(tmp_path / "two", 3, resume=True)
+    assert_same_bits(one, several)
+
+
+def test_rows_are_shared_evenly_after_every_refinement(tmp_path):
+    _, results = trained(tmp_path, 3, steps=16)
+    counts = [own.parts.team.counts for _, _, own in results[1:]]
+    held = [own.parts.model.num_rows for _, _, own in results]
+    assert held[0] == sum(counts[0])  # The first process has all of them in the end.
+    assert held[1:] == counts[0][1:]
+    # Three processes have one, one and two shards, of sizes that differ by one row at most.
+    assert max(counts[0]) - 2 * min(counts[0]) <= 2
+
+
+def test_the_first_step_is_that_of_one_process_up_to_rounding(tmp_path):
+    alone = trainer(tmp_path / "alone", "none", Recorder(), steps=1)
+    alone.fit()
+
+    def run(group):
+        own = divided(trainer(tmp_path / "divided", "none", Recorder(), steps=1), group)
+        own.fit()
+
+    in_threads(2, run)
+    found = checkpoint(tmp_path / "divided")
+    for name, values in alone.state_dict()["optimizer"]["moments"].items():
+        torch.testing.assert_close(
+            found["optimizer"]["moments"][name][0]["first"], values[0]["first"], msg=name
+        )
+
+
+def test_losses_are_reported_as_by_one_process(tmp_path):
+    _, ((_, one, _),) = trained(tmp_path / "1", 1, "mcmc", steps=16)
+    _, ((_, two, _), _) = trained(tmp_path / "2", 2, "mcmc", steps=16)
+    assert [report.num_gaussians for report in two] == [report.num_gaussians for report in one]
+    for first, second in zip(one, two, strict=True):
+        assert second.losses == pytest.approx(first.losses, rel=1e-6)
+
+
+def test_the_bytes_of_an_image_are_those_of_the_formula():
+    size, rows, side = 3, 240, 64
+    camera = front_camera(side, side)
+    settings = RenderSettings(statistics=frozenset({Statistic.SCREEN_GRADIENT}))
+
+    def render(group):
+        model = gaussians(rows)
+        own = Division(SHARDS, size).rows_of(group.rank, rows)
+        for column in model.columns().values():
+            column.assign(column.take(torch.arange(own.start, own.stop)))
+        division = Division(SHARDS, size)
+        view = View(group, division, model, fast_rasterizer(), camera, settings, None, rows)
+        view.output.color.sum().backward()
+        view.back()
+        bands = range(len(division.bands(side)))
+        there = [sum(len(shard.sent[band]) for shard in view.shards) for band in bands]
+        own_bands = division.bands_of(group.rank, side)
+        out = sum(there[band] for band in bands if band not in own_bands)
+        back = sum(len(band.splats) for band in view.bands) - sum(there[b] for b in own_bands)
+        return group.bytes_sent, out, back
+
+    found = in_threads(size, render)
+    k = SHAPE + 3
+    # The image is gathered in as many bands as any process has, of four channels.
+    image = 4 * 4 * side * max(len(Division(SHARDS, size).bands_of(r, side)) for r in range(size))
+    image *= Division(SHARDS, size).band_height(side) * (size - 1)
+    for sent, out, back in found:
+        counts = sent - image - 4 * k * out - 4 * (k + 2) * back
+        assert 0 <= counts <= 8 * SHARDS * size
+    assert sum(out for _, out, _ in found) == sum(back for _, _, back in found) > 0
+
+
+MODELS = [CameraModel.PINHOLE, CameraModel.FISHEYE]
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("antialias", [False, True])
+def test_flat_splats_in_bands_are_the_image_of_the_splats_with_their_gradients(model, antialias):
+    splats = random_splats(300, degree=2).map(lambda t: t.double().requires_grad_())
+    camera = replace(front_camera(48, 80).to(dtype=torch.float64), model=model)
+    settings = RenderSettings(
+        background=torch.tensor([0.2, 0.4, 0.6], dtype=torch.float64),
+        statistics=frozenset({Statistic.SCREEN_GRADIENT}),
+        depth=Depth.EXPECTED,
+        antialias=antialias,
+    )
+    rasterizer = fast_rasterizer()
+    output = rasterizer.render(splats, camera, settings)
+    weights = torch.rand(output.color.shape, dtype=torch.float64)
+    loss = (output.color * weights).sum() + output.depth.sum()
+    named = list(splats.tensors().values())
+    expected = torch.autograd.grad(loss, named)
+
+    flat = project(splats, camera, settings)
+    values = flat.values.detach().requires_grad_()
+    bands = [
+        rasterizer.render(
+            drawn(values[flat.reaching(band)], 3), band_camera(camera, band), settings
+        )
+        for band in Division(SHARDS, 1).bands(80)
+    ]
+    color = torch.cat([band.color for band in bands], dim=1)
+    depth = torch.cat([band.depth for band in bands], dim=1)
+    torch.testing.assert_close(color, output.color)
+    torch.testing.assert_close(depth, output.depth)
+    ((color * weights).sum() + depth.sum()).backward()
+    for found, truth in zip(
+        torch.autograd.grad(flat.values, named, values.grad), expected, strict=True
+    ):
+        torch.testing.assert_close(found, truth)
+    half = torch.tensor([24.0, 40.0], dtype=torch.float64)
+    screen = torch.zeros(300, dtype=torch.float64)
+    screen[flat.rows] = (values.grad[:, :2] * half).norm(dim=1)
+    torch.testing.assert_close(screen, output.statistics.screen_gradient[0])
+
+
+def test_a_splat_is_sent_only_to_the_bands_that_it_reaches():
+    splats = random_splats(200, degree=0)
+    camera = front_camera(64, 256)
+    flat = project(splats, camera, RenderSettings())
+    bands = Division(8, 1).bands(256)
+    sent = sum(len(flat.reaching(band)) for band in bands)
+    assert len(flat.rows) <= sent < len(flat.rows) * len(bands)
+    assert flat.values.shape[1] == SHAPE + 3
+
+
+@given(rows=st.integers(0, 5000), shards=st.integers(1, 40), size=st.integers(1, 40))
+def test_every_row_is_in_one_shard_and_one_process(rows, shards, size):
+    size = min(size, shards)
+    division = Division(shards, size)
+    held = [row for rank in range(size) for row in division.rows_of(rank, rows)]
+    assert held == list(range(rows))
+    lengths = [
+        division.start(shard + 1, rows) - division.start(shard, rows)
+        for rank in range(size)
+        for shard in division.shards_of(rank)
+    ]
+    assert len(lengths) == shards
+    assert max(lengths) - min(lengths) <= 1
+
+
+@given(height=st.integers(1, 3000), shards=st.integers(1, 40), size=st.integers(1, 40))
+def test_every_row_of_pixels_is_in_one_band_of_whole_tiles(height, shards, size):
+    size = min(size, shards)
+    division = Division(shards, size)
+    bands = division.bands(height)
+    assert [row for band in bands for row in band] == list(range(height))
+    assert all(band.start % TILE == 0 for band in bands)
+    assert len(bands) <= shards
+    assert sorted(b for rank in range(size) for b in division.bands_of(rank, height)) == list(
+        range(len(bands))
+    )
+
+
+def refusal(tmp_path, change=None, size=1, strategy="none"):
+    def run(group):
+        own = trainer(tmp_path, strategy, Recorder())
+        if change is not None:
+            change(own)
+        with pytest.raises(ConfigError) as refused:
+            divided(own, group)
+        return str(refused.value)
+
+    return in_threads(size, run)[0]
+
+
+def test_a_model_whose_rows_depend_on_others_is_refused(tmp_path):
+    def mixed(run):
+        run.parts.model.divisible = False
+
+    assert "rows of StaticGaussians depend on other rows" in refusal(tmp_path, mixed)
+
+
+def test_more_processes_than_shards_are_refused(tmp_path):
+    assert "5 processes, more than shards" in refusal(tmp_path, size=5)
+
+
+def test_a_strategy_that_watches_the_backward_pass_is_refused(tmp_path):
+    assert "watches the backward pass" in refusal(tmp_path, strategy="error")
