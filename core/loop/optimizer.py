@@ -185,9 +185,8 @@ class Optimizer:
         self._moments[name] = moments
 
     def num_bytes(self) -> int:
-        """Bytes of all moments."""
-        moments = (state for group in self._moments.values() for state in group)
-        return sum(state.first.nbytes + state.second.nbytes for state in moments)
+        """Bytes of the moments of all columns and groups, two for each number."""
+        return sum(2 * tensor.nbytes for tensor in self.tensors())
 
     def reset(self, names: Iterable[str]) -> None:
         """Start these columns or groups with fresh moments and step counts."""
@@ -202,8 +201,7 @@ class Optimizer:
         """Tensors and plain data."""
         moments = {
             name: [
-                {"first": m.first, "second": m.second, "count": m.count}
-                for m in self.moments(name)
+                {"first": m.first, "second": m.second, "count": m.count} for m in self.moments(name)
             ]
             for name in self._tensors()
         }

@@ -44,7 +44,8 @@ def write_masked_scene(folder: Path) -> Path:
                     **{"cx": float(k[0, 2]), "cy": float(k[1, 2]), "w": 32, "h": 24},
                 }
             )
-    _write_points(folder / "points.ply", data._surface.world.numpy(), data._surface.colors.numpy())
+    world = data.scene.world_from_scene.apply(data.scene.points.double())
+    _write_points(folder / "points.ply", world.numpy(), data.scene.point_colors.numpy())
     content = {"frames": frames, "ply_file_path": "points.ply"}
     (folder / "transforms.json").write_text(json.dumps(content))
     return folder
