@@ -6,7 +6,7 @@ classes are arguments and results of its functions.
 """
 
 from gsfw.core.maths.slices import Slices
-from gsfw.core.operators import AdamMoments, AdamSettings, Gate, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Gate, Operators
 from gsfw.core.stereo.fusion import FusedImage, FusionRule
 from gsfw.core.stereo.plane_sweep import DepthImage
 from gsfw.core.stereo.plans import SweepPlan
@@ -15,6 +15,7 @@ from gsfw.core.stereo.views import StereoViews
 __all__ = [
     "AdamMoments",
     "AdamSettings",
+    "AdamUpdate",
     "DepthImage",
     "FusedImage",
     "FusionRule",

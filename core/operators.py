@@ -86,6 +86,23 @@ class AdamMoments:
         return AdamMoments(torch.zeros_like(values), torch.zeros_like(values), count)
 
 
+@dataclass(frozen=True)
+class AdamUpdate:
+    """What a step of Adam does to one tensor."""
+
+    values: Tensor
+    """Changed in place."""
+    gradient: Tensor
+    """Of the same shape."""
+    moments: AdamMoments
+    """Its own, with a count of its own; changed in place."""
+    rate: float
+    """Learning rate."""
+    rows: Int[Tensor, " r"] | None = None
+    """Only these rows (of the first axis, none negative) and their moments change: the moments of
+    the others do not decay, and the bias correction counts steps, not visits. ``None`` for all."""
+
+
 class Operators:
     """The operations of a step besides rendering, in plain torch, which runs on any device.
 
@@ -109,40 +126,14 @@ class Operators:
 
     @torch.no_grad()
     def adam_(
-        self,
-        values: Tensor,
-        gradient: Tensor,
-        moments: AdamMoments,
-        rate: float,
-        settings: AdamSettings,
-        finite: Bool[Tensor, ""],
-        rows: Int[Tensor, " r"] | None = None,
+        self, updates: Sequence[AdamUpdate], settings: AdamSettings, finite: Bool[Tensor, ""]
     ) -> None:
-        """One step of Adam, in place.
+        """One step of Adam for all tensors, in place.
 
-        With ``rows`` only those rows (of the first axis) and their moments change: the moments of
-        the others do not decay, and the bias correction counts steps, not visits. When ``finite``
-        is false nothing changes; there is no synchronisation.
+        When ``finite`` is false nothing changes; there is no synchronisation.
         """
-        if rows is not None:
-            part = AdamMoments(moments.first[rows], moments.second[rows], moments.count)
-            chosen = values[rows]
-            self.adam_(chosen, gradient[rows], part, rate, settings, finite)
-            values[rows] = chosen
-            moments.first[rows], moments.second[rows] = part.first, part.second
-            return
-        gate = finite.to(values.dtype)
-        moments.count += finite
-        gradient = torch.where(finite, gradient, 0.0).clamp_(-GRADIENT_LIMIT, GRADIENT_LIMIT)
-        # Before the first finite step the corrections are 0, and a division by them is invalid.
-        bias1 = torch.where(finite, 1.0 - settings.beta1**moments.count, 1.0)
-        bias2 = torch.where(finite, 1.0 - settings.beta2**moments.count, 1.0)
-        moments.first.lerp_(gradient, gate * (1.0 - settings.beta1))
-        moments.second.mul_(1.0 - gate * (1.0 - settings.beta2))
-        moments.second.addcmul_(gradient, gradient, value=1.0 - settings.beta2)
-        scale = torch.where(finite, rate / bias1, 0.0).to(values.dtype)
-        denominator = (moments.second / bias2.to(values.dtype)).sqrt_()
-        values.sub_(moments.first / denominator.add_(settings.epsilon) * scale)
+        for update in updates:
+            _step_of_adam(update, settings, finite)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """True if all values of the tensors (at least one tensor) are finite."""
@@ -284,3 +275,27 @@ class Operators:
         left_out = torch.where((rows == own).any(1), (rows == own).int().argmax(1), k)
         others = rows[torch.arange(k + 1) != left_out[:, None]].view(-1, k)
         return torch.where(others < len(rows), others, own).to(points.device)
+
+
+def _step_of_adam(update: AdamUpdate, settings: AdamSettings, finite: Bool[Tensor, ""]) -> None:
+    values, gradient, moments = update.values, update.gradient, update.moments
+    if update.rows is not None:
+        rows = update.rows
+        part = AdamMoments(moments.first[rows], moments.second[rows], moments.count)
+        chosen = AdamUpdate(values[rows], gradient[rows], part, update.rate)
+        _step_of_adam(chosen, settings, finite)
+        values[rows] = chosen.values
+        moments.first[rows], moments.second[rows] = part.first, part.second
+        return
+    gate = finite.to(values.dtype)
+    moments.count += finite
+    gradient = torch.where(finite, gradient, 0.0).clamp_(-GRADIENT_LIMIT, GRADIENT_LIMIT)
+    # Before the first finite step the corrections are 0, and a division by them is invalid.
+    bias1 = torch.where(finite, 1.0 - settings.beta1**moments.count, 1.0)
+    bias2 = torch.where(finite, 1.0 - settings.beta2**moments.count, 1.0)
+    moments.first.lerp_(gradient, gate * (1.0 - settings.beta1))
+    moments.second.mul_(1.0 - gate * (1.0 - settings.beta2))
+    moments.second.addcmul_(gradient, gradient, value=1.0 - settings.beta2)
+    scale = torch.where(finite, update.rate / bias1, 0.0).to(values.dtype)
+    denominator = (moments.second / bias2.to(values.dtype)).sqrt_()
+    values.sub_(moments.first / denominator.add_(settings.epsilon) * scale)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
 
@@ -41,7 +41,8 @@ def _adam_agrees(subject: Subject) -> None:
             gradient = torch.randn(10, 3, generator=generator)
             finite = torch.tensor(step != 3)
             broken = gradient if finite else gradient * torch.nan
-            operators.adam_(values, broken, moments, 0.01, AdamSettings(), finite)
+            update = AdamUpdate(values, broken, moments, 0.01)
+            operators.adam_([update], AdamSettings(), finite)
         results.append(values)
     off = (results[0] - results[1]).abs().max().item()
     require(

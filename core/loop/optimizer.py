@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gsfw.core.column import Column, Layout
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.core.parameter_group import ParameterGroup
 
 
@@ -132,46 +132,53 @@ class Optimizer:
         rates = self.learning_rates(step)
         # The host waits here for a GPU's count of these rows, in every step: the cost of sparse.
         rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
+        updates: list[AdamUpdate] = []
         for name, column in self._model.columns().items():
             if column.trained and name not in self._frozen:
-                self._step_column(column, self.moments(name)[0], rates[name], finite, rows)
+                moments = self.moments(name)[0]
+                updates += self._column_updates(column, moments, rates[name], finite, rows)
         for group in self._groups():
-            if group.name in self._frozen:
-                continue
-            for tensor, moments in zip(group.parameters, self.moments(group.name), strict=True):
-                if tensor.grad is None:
-                    continue
-                if group.weight_decay:
-                    decay = rates[group.name] * group.weight_decay
-                    tensor.mul_(1.0 - finite.to(tensor.dtype) * decay)
-                self._operators.adam_(
-                    tensor, tensor.grad, moments, rates[group.name], self._settings.adam, finite
-                )
+            if group.name not in self._frozen:
+                updates += self._group_updates(group, rates[group.name], finite)
+        self._operators.adam_(updates, self._settings.adam, finite)
 
-    def _step_column(
+    def _column_updates(
         self,
         column: Column,
         moments: AdamMoments,
         rate: float,
         finite: Tensor,
         rows: Tensor | None,
-    ) -> None:
+    ) -> list[AdamUpdate]:
+        """The update of a column, or none."""
         values, gradient = column.values, column.values.grad
         bands = self._model.active_bands() if column.bands else None
         if bands == 0:  # Plain Adam would have counted a step with a gradient of zero.
             moments.count += finite
-            return
+            return []
         if gradient is None:
-            return
-        if bands is not None and column.layout is Layout.DENSE:
+            return []
+        if column.layout is not Layout.DENSE:
+            return [AdamUpdate(values, gradient, moments, rate)]
+        if bands is not None and bands < values.shape[1]:
             values, gradient = values[:, :bands], gradient[:, :bands]
             moments = AdamMoments(
                 moments.first[:, :bands], moments.second[:, :bands], moments.count
             )
-        if column.layout is not Layout.DENSE:
-            rows = None
-        adam = self._settings.adam
-        self._operators.adam_(values, gradient, moments, rate, adam, finite, rows)
+        return [AdamUpdate(values, gradient, moments, rate, rows)]
+
+    def _group_updates(
+        self, group: ParameterGroup, rate: float, finite: Tensor
+    ) -> list[AdamUpdate]:
+        """The updates of the tensors of a group that have a gradient; applies weight decay."""
+        updates = []
+        for tensor, moments in zip(group.parameters, self.moments(group.name), strict=True):
+            if tensor.grad is None:
+                continue
+            if group.weight_decay:
+                tensor.mul_(1.0 - finite.to(tensor.dtype) * (rate * group.weight_decay))
+            updates.append(AdamUpdate(tensor, tensor.grad, moments, rate))
+        return updates
 
     def moments(self, name: str) -> list[AdamMoments]:
         """Adam's stored state of a column or group; zeros before its first step."""

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
 from gsfw.core.maths.covariance_noise import NOISE_OPACITY, NOISE_SHARPNESS
 from gsfw.core.maths.slices import Slices
-from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Gate, Layer, Operators
+from gsfw.core.operators import GRADIENT_LIMIT, AdamSettings, AdamUpdate, Gate, Layer, Operators
 from gsfw.core.stereo.fusion import FusedImage, FusionRule
 from gsfw.core.stereo.plane_sweep import DepthImage
 from gsfw.core.stereo.plans import SweepPlan
@@ -50,40 +50,11 @@ class CpuOperators(Operators):
 
     @torch.no_grad()
     def adam_(
-        self,
-        values: Tensor,
-        gradient: Tensor,
-        moments: AdamMoments,
-        rate: float,
-        settings: AdamSettings,
-        finite: Bool[Tensor, ""],
-        rows: Int[Tensor, " r"] | None = None,
+        self, updates: Sequence[AdamUpdate], settings: AdamSettings, finite: Bool[Tensor, ""]
     ) -> None:
-        """One step of Adam, in place, in one pass over memory."""
-        tensors = (values.detach(), gradient.detach(), moments.first, moments.second)
-        if not _served(tensors) or (rows is not None and not _listed(rows)):
-            super().adam_(values, gradient, moments, rate, settings, finite, rows)
-            return
-        if not finite:
-            return
-        steps = float(moments.count) + 1.0
-        done = required().adam(
-            *tensors,
-            rows,
-            beta1=settings.beta1,
-            beta2=settings.beta2,
-            bias2=1.0 - settings.beta2**steps,
-            rate=rate / (1.0 - settings.beta1**steps),
-            epsilon=settings.epsilon,
-            gradient_limit=GRADIENT_LIMIT,
-            threads=num_threads(),
-        )
-        if not done:
-            super().adam_(values, gradient, moments, rate, settings, finite, rows)
-            return
-        moments.count += 1.0
-        for changed in (values, moments.first, moments.second):
-            increment_version(changed)
+        """One step of Adam for all tensors, in place, in one pass over memory."""
+        others = [update for update in updates if not _stepped(update, settings, finite)]
+        super().adam_(others, settings, finite)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """True if all numbers of all tensors are finite."""
@@ -253,6 +224,33 @@ def _served(tensors: Sequence[Tensor]) -> bool:
         tensor.dtype == kind and tensor.is_cpu and tensor.layout == torch.strided
         for tensor in tensors
     )
+
+
+def _stepped(update: AdamUpdate, settings: AdamSettings, finite: Bool[Tensor, ""]) -> bool:
+    """Step one tensor in native code; false where that does not serve it."""
+    values, moments, rows = update.values, update.moments, update.rows
+    tensors = (values.detach(), update.gradient.detach(), moments.first, moments.second)
+    if not _served(tensors) or (rows is not None and not _listed(rows)):
+        return False
+    if not finite:
+        return True
+    steps = float(moments.count) + 1.0
+    done: bool = required().adam(
+        *tensors,
+        rows,
+        beta1=settings.beta1,
+        beta2=settings.beta2,
+        bias2=1.0 - settings.beta2**steps,
+        rate=update.rate / (1.0 - settings.beta1**steps),
+        epsilon=settings.epsilon,
+        gradient_limit=GRADIENT_LIMIT,
+        threads=num_threads(),
+    )
+    if done:
+        moments.count += 1.0
+        for changed in (values, moments.first, moments.second):
+            increment_version(changed)
+    return done
 
 
 def _tangents(tensors: Sequence[Tensor]) -> bool:

@@ -20,7 +20,6 @@ from gsfw.kernels.cuda.launcher import Entry, Kernel
 from gsfw.kernels.cuda.sort import DigitsJob, ScatterJob
 from gsfw.kernels.cuda.step_jobs import (
     AdamJob,
-    BeginAdamJob,
     FiniteJob,
     LossesJob,
     SsimBackwardJob,
@@ -87,8 +86,7 @@ def _steps(number: str) -> list[Entry]:
         (Kernel("ssim.cu", f"ssim<{number}>"), SsimJob),
         (Kernel("ssim.cu", f"add_losses<{number}>"), LossesJob),
         (Kernel("ssim.cu", f"ssim_backward<{number}>"), SsimBackwardJob),
-        (Kernel("adam.cu", f"begin_adam<{number}>"), BeginAdamJob),
+        (Kernel("adam.cu", f"begin_adam<{number}>"), AdamJob),
         (Kernel("adam.cu", f"adam<{number}>"), AdamJob),
-        (Kernel("adam.cu", f"adam_rows<{number}>"), AdamJob),
         (Kernel("finite.cu", f"check_finite<{number}>"), FiniteJob),
     ]

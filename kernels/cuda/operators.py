@@ -6,26 +6,20 @@ from collections.abc import Sequence
 from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.autograd import forward_ad
-from torch.autograd.graph import increment_version
 
-from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamSettings, AdamUpdate, Operators
 from gsfw.kernels.cuda import step_jobs
+from gsfw.kernels.cuda.adam import ALIGNMENT, adam_table, step_tables
 from gsfw.kernels.cuda.availability import unavailable
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.kernels.cuda.launcher import Kernel, Launcher, address
+from gsfw.kernels.cuda.step_jobs import AdamTable
 
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
 """C++ names of the number types of kernels."""
-
-ALIGNMENT = 16
-"""Bytes that a thread moves at once where all arrays begin at multiples of it."""
-
-
-WIDTH_LIMIT = 2**31
-"""Numbers that a row must be shorter than."""
 
 
 class CudaOperators(Operators):
@@ -57,43 +51,27 @@ class CudaOperators(Operators):
 
     @torch.no_grad()
     def adam_(
-        self,
-        values: Tensor,
-        gradient: Tensor,
-        moments: AdamMoments,
-        rate: float,
-        settings: AdamSettings,
-        finite: Bool[Tensor, ""],
-        rows: Int[Tensor, " r"] | None = None,
+        self, updates: Sequence[AdamUpdate], settings: AdamSettings, finite: Bool[Tensor, ""]
     ) -> None:
-        """One step of Adam, in place, in one pass over memory; ``rows`` are not negative."""
-        numbers = [values, gradient, moments.first, moments.second]
-        launcher, tables = self._launcher(numbers), _rows_of(numbers)
-        beside = [(finite, torch.bool), (moments.count, torch.float64)]
-        if rows is not None:
-            rows = rows.contiguous()
-            beside.append((rows, torch.int64))
-        if launcher is None or tables is None or not _ready(beside, values.device):
-            super().adam_(values, gradient, moments, rate, settings, finite, rows)
-            return
-        scales = values.new_empty(2)
-        begin = step_jobs.BeginAdamJob(
-            beta1=settings.beta1,
-            beta2=settings.beta2,
-            rate=rate,
-            finite=address(finite),
-            count=address(moments.count),
-            scales=address(scales),
-        )
-        kind = NUMBERS[values.dtype]
-        launcher.launch(Kernel("adam.cu", f"begin_adam<{kind}>"), 1, step_jobs.WARP, begin)
-        job = _adam_job(tables, rows, settings, finite, scales)
-        whole = rows is None and all(table.is_contiguous() for table in tables)
-        kernel = Kernel("adam.cu", f"{'adam' if whole else 'adam_rows'}<{kind}>")
-        blocks = _blocks(job.count * job.width, step_jobs.ADAM_THREADS * step_jobs.ADAM_NUMBERS)
-        launcher.launch(kernel, blocks, step_jobs.ADAM_THREADS, job)
-        for changed in (values, moments.first, moments.second, moments.count):
-            increment_version(changed)
+        """One step of Adam for all tensors, in place, in one pass over memory."""
+        served: dict[torch.dtype, list[tuple[AdamUpdate, AdamTable]]] = {}
+        others: list[AdamUpdate] = []
+        for update in updates:
+            moments = update.moments
+            numbers = (update.values, update.gradient, moments.first, moments.second)
+            kernels = self._launcher(numbers) is not None
+            table = adam_table(update, finite) if kernels else None
+            if table is None:
+                others.append(update)
+            else:
+                served.setdefault(update.values.dtype, []).append((update, table))
+        for pairs in served.values():
+            launcher = self._launcher([pairs[0][0].values])
+            assert launcher is not None, "updates were chosen by it"
+            for start in range(0, len(pairs), step_jobs.ADAM_TABLES):
+                chosen, tables = zip(*pairs[start : start + step_jobs.ADAM_TABLES], strict=True)
+                step_tables(launcher, chosen, tables, settings, finite)
+        super().adam_(others, settings, finite)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """True if all numbers of all tensors are finite."""
@@ -214,35 +192,6 @@ def _comparison(rendered: Tensor, target: Tensor, valid: Tensor | None) -> step_
     )
 
 
-def _adam_job(
-    tables: list[Tensor],
-    rows: Tensor | None,
-    settings: AdamSettings,
-    finite: Tensor,
-    scales: Tensor,
-) -> step_jobs.AdamJob:
-    values, gradient, first, second = (
-        step_jobs.AdamRows(numbers=table.data_ptr(), stride=table.stride(0)) for table in tables
-    )
-    return step_jobs.AdamJob(
-        values=values,
-        gradient=gradient,
-        first=first,
-        second=second,
-        rows=address(rows),
-        count=len(tables[0] if rows is None else rows),
-        width=tables[0].shape[1],
-        weight1=1.0 - settings.beta1,
-        decay2=settings.beta2,
-        weight2=1.0 - settings.beta2,
-        epsilon=settings.epsilon,
-        gradient_limit=GRADIENT_LIMIT,
-        finite=address(finite),
-        scales=address(scales),
-        aligned=_aligned(tables),
-    )
-
-
 def _blocks(numbers: int, per_block: int) -> int:
     """Blocks that together answer for so many numbers."""
     return -(-numbers // per_block)
@@ -273,14 +222,3 @@ def _ready(tensors: Sequence[tuple[Tensor, torch.dtype]], device: torch.device) 
 def _tangents(tensors: Sequence[Tensor]) -> bool:
     """True if forward-mode derivatives are in use, which only plain torch supports."""
     return any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
-
-
-def _rows_of(tensors: Sequence[Tensor]) -> list[Tensor] | None:
-    """The same memory as tables [n, m], rows at any distance; ``None`` where that cannot be."""
-    if any(tensor.shape != tensors[0].shape for tensor in tensors):
-        return None
-    if tensors[0].numel() == 0 or tensors[0].dim() == 0 or tensors[0][0].numel() >= WIDTH_LIMIT:
-        return None
-    if any(not tensor[0].is_contiguous() for tensor in tensors):
-        return None
-    return [tensor.detach().view(len(tensor), -1) for tensor in tensors]

@@ -15,6 +15,7 @@ SSIM_FLOWS = constant("step_stages.h", "SSIM_FLOWS")
 SSIM_SUMS = constant("step_stages.h", "SSIM_SUMS")
 ADAM_THREADS = constant("step_stages.h", "ADAM_THREADS")
 ADAM_NUMBERS = constant("step_stages.h", "ADAM_NUMBERS")
+ADAM_TABLES = constant("step_stages.h", "ADAM_TABLES")
 FINITE_THREADS = constant("step_stages.h", "FINITE_THREADS")
 FINITE_NUMBERS = constant("step_stages.h", "FINITE_NUMBERS")
 FINITE_TENSORS = constant("step_stages.h", "FINITE_TENSORS")
@@ -69,27 +70,14 @@ class SsimBackwardJob(ctypes.Structure):
     ]
 
 
-class BeginAdamJob(ctypes.Structure):
-    """Arguments of ``begin_adam``."""
-
-    _fields_: ClassVar = [
-        ("beta1", DOUBLE),
-        ("beta2", DOUBLE),
-        ("rate", DOUBLE),
-        ("finite", POINTER),
-        ("count", POINTER),
-        ("scales", POINTER),
-    ]
-
-
 class AdamRows(ctypes.Structure):
     """Rows that may lie apart."""
 
     _fields_: ClassVar = [("numbers", POINTER), ("stride", INT64)]
 
 
-class AdamJob(ctypes.Structure):
-    """Arguments of ``adam`` and ``adam_rows``."""
+class AdamTable(ctypes.Structure):
+    """What a step of Adam does to one table of numbers."""
 
     _fields_: ClassVar = [
         ("values", AdamRows),
@@ -99,14 +87,27 @@ class AdamJob(ctypes.Structure):
         ("rows", POINTER),
         ("count", INT64),
         ("width", INT64),
-        ("weight1", DOUBLE),
-        ("decay2", DOUBLE),
-        ("weight2", DOUBLE),
+        ("rate", DOUBLE),
+        ("steps", POINTER),
+        ("first_block", INT),
+        ("whole", INT),
+        ("aligned", INT),
+        ("unused", INT),
+    ]
+
+
+class AdamJob(ctypes.Structure):
+    """Arguments of ``begin_adam`` and ``adam``."""
+
+    _fields_: ClassVar = [
+        ("tables", AdamTable * ADAM_TABLES),
+        ("beta1", DOUBLE),
+        ("beta2", DOUBLE),
         ("epsilon", DOUBLE),
         ("gradient_limit", DOUBLE),
         ("finite", POINTER),
         ("scales", POINTER),
-        ("aligned", INT),
+        ("count", INT),
         ("unused", INT),
     ]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from gsfw.core.maths.ssim import ssim
-from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 
 
 def pictures(*shape, seed=0, dtype=torch.float64):
@@ -80,7 +80,9 @@ def test_one_step_of_adam_by_hand():
     values = torch.tensor([1.0, -2.0], dtype=torch.float64)
     moments = AdamMoments.zeros_like(values)
     gradient = torch.tensor([0.5, -3.0], dtype=torch.float64)
-    Operators().adam_(values, gradient, moments, 0.01, AdamSettings(), torch.tensor(True))
+    Operators().adam_(
+        [AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), torch.tensor(True)
+    )
     # After the first step both corrected moments are exact, so that every value moves by the rate.
     assert values.tolist() == pytest.approx([1 - 0.01, -2 + 0.01], rel=1e-14)
     assert moments.first.tolist() == pytest.approx([0.05, -0.3], rel=1e-12)

@@ -1,4 +1,4 @@
-// One step of Adam in one pass over memory (Kingma and Ba 2015, algorithm 1).
+// One step of Adam for many tensors, in one pass over memory (Kingma and Ba 2015, algorithm 1).
 //
 // As gsfw.core.operators has it. Whether the step counts, and how many there were, is read where it
 // lies, so that the host waits for nothing.
@@ -7,31 +7,33 @@
 namespace gsfw {
 namespace cuda {
 
-/// See ``BeginAdamJob``. One warp; it is a kernel of its own because every block of the others must
-/// see the same count.
+/// See ``AdamJob``. One warp; it is a kernel of its own because every block of the other must see
+/// the same counts.
 template <class T>
-__global__ void __launch_bounds__(WARP) begin_adam(BeginAdamJob job) {
-  if (threadIdx.x != 0 || *job.finite == 0) return;
-  const double count = *job.count + 1.0;
-  *job.count = count;
-  T* scales = static_cast<T*>(job.scales);
-  scales[0] = T(job.rate / (1.0 - GSFW_ELEMENTARY(pow)(job.beta1, count)));
-  scales[1] = T(1.0 / (1.0 - GSFW_ELEMENTARY(pow)(job.beta2, count)));
+__global__ void __launch_bounds__(WARP) begin_adam(AdamJob job) {
+  const int index = threadIdx.x;
+  if (index >= job.count || *job.finite == 0) return;
+  const AdamTable& table = job.tables[index];
+  const double steps = *table.steps + 1.0;
+  *table.steps = steps;
+  T* scales = static_cast<T*>(job.scales) + 2 * index;
+  scales[0] = T(table.rate / (1.0 - GSFW_ELEMENTARY(pow)(job.beta1, steps)));
+  scales[1] = T(1.0 / (1.0 - GSFW_ELEMENTARY(pow)(job.beta2, steps)));
 }
 
-/// ``AdamJob``'s constants as T.
+/// Constants of a table's step as T.
 template <class T>
 struct AdamConstants {
   T weight1, decay2, weight2, epsilon, limit, rate, correction2;
 
-  __device__ __forceinline__ explicit AdamConstants(const AdamJob& job)
-      : weight1(T(job.weight1)),
-        decay2(T(job.decay2)),
-        weight2(T(job.weight2)),
+  __device__ __forceinline__ AdamConstants(const AdamJob& job, int table)
+      : weight1(T(1.0 - job.beta1)),
+        decay2(T(job.beta2)),
+        weight2(T(1.0 - job.beta2)),
         epsilon(T(job.epsilon)),
         limit(T(job.gradient_limit)),
-        rate(static_cast<const T*>(job.scales)[0]),
-        correction2(static_cast<const T*>(job.scales)[1]) {}
+        rate(static_cast<const T*>(job.scales)[2 * table]),
+        correction2(static_cast<const T*>(job.scales)[2 * table + 1]) {}
 };
 
 /// Step one number and its moments.
@@ -44,17 +46,17 @@ __device__ __forceinline__ void step_number(const AdamConstants<T>& is, T gradie
   value -= first / (square_root(second * is.correction2) + is.epsilon) * is.rate;
 }
 
-/// First elements of the arrays of a job.
+/// First elements of the arrays of a table.
 template <class T>
 struct AdamArrays {
   T *values, *first, *second;
   const T* gradient;
 
-  __device__ __forceinline__ explicit AdamArrays(const AdamJob& job)
-      : values(static_cast<T*>(job.values.numbers)),
-        first(static_cast<T*>(job.first.numbers)),
-        second(static_cast<T*>(job.second.numbers)),
-        gradient(static_cast<const T*>(job.gradient.numbers)) {}
+  __device__ __forceinline__ explicit AdamArrays(const AdamTable& table)
+      : values(static_cast<T*>(table.values.numbers)),
+        first(static_cast<T*>(table.first.numbers)),
+        second(static_cast<T*>(table.second.numbers)),
+        gradient(static_cast<const T*>(table.gradient.numbers)) {}
 };
 
 /// Four numbers that are moved together, 16 bytes at a time.
@@ -81,41 +83,56 @@ __device__ __forceinline__ void step_quad(const AdamConstants<T>& is, const Adam
   *seconds = second;
 }
 
-/// See ``AdamJob``: all rows, which follow one another without gaps. Every thread steps
-/// ADAM_NUMBERS numbers next to one another.
+/// All rows, which follow one another without gaps. Every thread steps ADAM_NUMBERS numbers next to
+/// one another. ``block`` counts the blocks of the table.
 template <class T>
-__global__ void __launch_bounds__(ADAM_THREADS) adam(AdamJob job) {
-  if (*job.finite == 0) return;
-  const AdamConstants<T> is(job);
-  const AdamArrays<T> of(job);
-  const int64 end = job.count * job.width, from = thread_index() * ADAM_NUMBERS;
-  if (job.aligned && from + ADAM_NUMBERS <= end) return step_quad(is, of, from);
+__device__ __forceinline__ void step_whole(const AdamConstants<T>& is, const AdamTable& table,
+                                           int64 block) {
+  const AdamArrays<T> of(table);
+  const int64 end = table.count * table.width;
+  const int64 from = (block * ADAM_THREADS + int(threadIdx.x)) * ADAM_NUMBERS;
+  if (table.aligned && from + ADAM_NUMBERS <= end) return step_quad(is, of, from);
   for (int64 i = from; i < end && i < from + ADAM_NUMBERS; ++i) {
     step_number(is, of.gradient[i], of.values[i], of.first[i], of.second[i]);
   }
 }
 
-/// See ``AdamJob``: rows that lie apart, or some rows of all. Neighbouring threads step numbers
-/// next to each other, ADAM_NUMBERS times over.
+/// Rows that lie apart, or some rows of all. Neighbouring threads step numbers next to each other,
+/// ADAM_NUMBERS times over.
 template <class T>
-__global__ void __launch_bounds__(ADAM_THREADS) adam_rows(AdamJob job) {
-  if (*job.finite == 0) return;
-  const AdamConstants<T> is(job);
-  const AdamArrays<T> of(job);
-  const int64 from = int64(blockIdx.x) * (ADAM_THREADS * ADAM_NUMBERS);
-  const int64 first_place = from / job.width;
-  const uint32 width = uint32(job.width), before = uint32(from - first_place * job.width);
+__device__ __forceinline__ void step_rows(const AdamConstants<T>& is, const AdamTable& table,
+                                          int64 block) {
+  const AdamArrays<T> of(table);
+  const int64 from = block * (ADAM_THREADS * ADAM_NUMBERS), first_place = from / table.width;
+  const uint32 width = uint32(table.width), before = uint32(from - first_place * table.width);
 #pragma unroll
   for (int i = 0; i < ADAM_NUMBERS; ++i) {
     // Within a block 32 bits suffice, which divide much faster.
     const uint32 number = before + uint32(i * ADAM_THREADS) + threadIdx.x;
     const int64 place = first_place + number / width;
-    if (place >= job.count) return;
-    const int64 row = job.rows == nullptr ? place : job.rows[place], column = number % width;
-    step_number(is, of.gradient[row * job.gradient.stride + column],
-                of.values[row * job.values.stride + column],
-                of.first[row * job.first.stride + column],
-                of.second[row * job.second.stride + column]);
+    if (place >= table.count) return;
+    const int64 row = table.rows == nullptr ? place : table.rows[place], column = number % width;
+    step_number(is, of.gradient[row * table.gradient.stride + column],
+                of.values[row * table.values.stride + column],
+                of.first[row * table.first.stride + column],
+                of.second[row * table.second.stride + column]);
+  }
+}
+
+/// See ``AdamJob``. Every block has ADAM_THREADS and steps ADAM_THREADS * ADAM_NUMBERS numbers of
+/// one table, or those that are left of it.
+template <class T>
+__global__ void __launch_bounds__(ADAM_THREADS) adam(AdamJob job) {
+  if (*job.finite == 0) return;
+  int index = 0;
+  while (index + 1 < job.count && int(blockIdx.x) >= job.tables[index + 1].first_block) ++index;
+  const AdamTable& table = job.tables[index];
+  const AdamConstants<T> is(job, index);
+  const int64 block = int(blockIdx.x) - table.first_block;
+  if (table.whole) {
+    step_whole(is, table, block);
+  } else {
+    step_rows(is, table, block);
   }
 }
 

@@ -18,9 +18,10 @@ constexpr int SSIM_FLOWS = 3;
 /// Sums of a block of ``ssim``: |x - y|, 1 - SSIM, and pixels that count.
 constexpr int SSIM_SUMS = 3;
 
-/// Threads of a block of ``adam`` and ``adam_rows``, and the numbers each of them steps.
+/// Threads of a block of ``adam``, the numbers each of them steps, and the tables of a launch.
 constexpr int ADAM_THREADS = 256;
 constexpr int ADAM_NUMBERS = 4;
+constexpr int ADAM_TABLES = 16;
 
 /// Threads of a block of ``check_finite``, the numbers of a block, and the tensors of a launch.
 constexpr int FINITE_THREADS = 256;
@@ -71,40 +72,45 @@ struct SsimBackwardJob {
   void* gradient;
 };
 
-/// begin_adam<T>: one step more, and the corrections of bias that belong to it.
-struct BeginAdamJob {
-  double beta1, beta2, rate;
-  /// 0 where this step does not count.
-  const uint8* finite;
-  /// Steps taken.
-  double* count;
-  /// T [2]: the rate over the correction of the first moments, and 1 over that of the second.
-  void* scales;
-};
-
 /// Rows that may lie apart: row r begins ``stride`` numbers after row r - 1.
 struct AdamRows {
   void* numbers;
   int64 stride;
 };
 
-/// adam<T>, where nothing lies between the rows and all are stepped, and adam_rows<T>.
-struct AdamJob {
+/// What a step of Adam does to one table of numbers.
+struct AdamTable {
   AdamRows values, gradient, first, second;
   /// int64 [count]: the rows to step; null for all of them in order.
   const int64* rows;
   int64 count;
   /// Numbers of a row, less than 2^31.
   int64 width;
-  /// 1 - beta1, beta2 and 1 - beta2.
-  double weight1, decay2, weight2;
-  double epsilon;
-  /// Larger gradients count as this.
-  double gradient_limit;
-  const uint8* finite;
-  const void* scales;
+  double rate;
+  /// Steps taken.
+  double* steps;
+  /// The block of ``adam`` that begins with this table.
+  int first_block;
+  /// All rows are stepped, and nothing lies between them.
+  int whole;
   /// All four arrays begin at multiples of 16 bytes.
   int aligned;
+  int unused;
+};
+
+/// begin_adam<T>, one thread per table: one step more, and the corrections of bias that belong to
+/// it. Then adam<T>: the step of all tables.
+struct AdamJob {
+  /// The first ``count`` are there.
+  AdamTable tables[ADAM_TABLES];
+  double beta1, beta2, epsilon;
+  /// Larger gradients count as this.
+  double gradient_limit;
+  /// 0 where this step does not count.
+  const uint8* finite;
+  /// T [count, 2]: the rate over the correction of the first moments, and 1 over that of the second.
+  void* scales;
+  int count;
   int unused;
 };
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.kernels.cpu.operators import CpuOperators
 
 pytestmark = pytest.mark.usefixtures("instruction_set")
@@ -38,8 +38,8 @@ def test_a_few_steps_agree_with_torch(shape, dtype):
     others, other_moments = start(shape, dtype)
     eps = torch.finfo(dtype).eps
     for gradient in gradients(values, 4):
-        CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), YES)
-        Operators().adam_(others, gradient, other_moments, 0.01, AdamSettings(), YES)
+        CpuOperators().adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), YES)
+        Operators().adam_([AdamUpdate(others, gradient, other_moments, 0.01)], AdamSettings(), YES)
     assert close(moments.first, other_moments.first, float(gradient.abs().max()))
     torch.testing.assert_close(moments.second, other_moments.second, rtol=16 * eps, atol=0.0)
     assert close(values, others, 1.0 + float(others.abs().max()))
@@ -52,8 +52,10 @@ def test_whole_tables_are_stepped_as_one_row_of_numbers(shape):
     flat, flat_moments = start((48_000,), torch.float32)
     flat.copy_(values.flatten())
     for gradient in gradients(values, 2):
-        CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), YES)
-        CpuOperators().adam_(flat, gradient.flatten(), flat_moments, 0.01, AdamSettings(), YES)
+        CpuOperators().adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), YES)
+        CpuOperators().adam_(
+            [AdamUpdate(flat, gradient.flatten(), flat_moments, 0.01)], AdamSettings(), YES
+        )
     assert torch.equal(values.flatten(), flat)
     assert torch.equal(moments.second.flatten(), flat_moments.second)
 
@@ -66,8 +68,12 @@ def test_only_the_rows_that_are_named_change(width):
     untouched = torch.ones(200, dtype=torch.bool).index_fill(0, rows, False)
     before = values.clone()
     for gradient in gradients(values, 3):
-        CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), YES, rows)
-        Operators().adam_(others, gradient, other_moments, 0.01, AdamSettings(), YES, rows)
+        CpuOperators().adam_(
+            [AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES
+        )
+        Operators().adam_(
+            [AdamUpdate(others, gradient, other_moments, 0.01, rows)], AdamSettings(), YES
+        )
     assert torch.equal(values[untouched], before[untouched])
     assert not moments.first[untouched].any()
     assert not moments.second[untouched].any()
@@ -83,7 +89,9 @@ def test_bands_of_longer_rows_are_moved_where_they_lie(named):
     bands = AdamMoments(moments.first[:, :8], moments.second[:, :8], moments.count)
     rows = torch.arange(0, 100, 2) if named else None
     inner = values[:, :8]
-    CpuOperators().adam_(inner, gradient[:, :8], bands, 0.01, AdamSettings(), YES, rows)
+    CpuOperators().adam_(
+        [AdamUpdate(inner, gradient[:, :8], bands, 0.01, rows)], AdamSettings(), YES
+    )
     assert torch.equal(values[:, 8:], before[:, 8:])
     assert not moments.second[:, 8:].any()
     assert moments.count == 1
@@ -98,7 +106,7 @@ def test_nothing_changes_after_a_step_that_was_not_finite():
     values, moments = start((50, 3), torch.float32)
     before = values.clone()
     gradient = torch.full_like(values, float("nan"))
-    CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), NO)
+    CpuOperators().adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), NO)
     assert torch.equal(values, before)
     assert moments.count == 0
     assert not moments.first.any()
@@ -107,7 +115,7 @@ def test_nothing_changes_after_a_step_that_was_not_finite():
 def test_huge_gradients_leave_moments_finite():
     values, moments = start((50, 3), torch.float32)
     gradient = torch.full_like(values, 3e38)
-    CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), YES)
+    CpuOperators().adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), YES)
     assert moments.second.isfinite().all()
     assert values.isfinite().all()
 
@@ -115,7 +123,9 @@ def test_huge_gradients_leave_moments_finite():
 def test_rows_without_gradient_or_momentum_stay_exactly():
     values, moments = start((50, 3), torch.float32)
     before = values.clone()
-    CpuOperators().adam_(values, torch.zeros_like(values), moments, 0.1, AdamSettings(), YES)
+    CpuOperators().adam_(
+        [AdamUpdate(values, torch.zeros_like(values), moments, 0.1)], AdamSettings(), YES
+    )
     assert torch.equal(values, before)
 
 
@@ -128,7 +138,9 @@ def test_any_number_of_threads_gives_the_same_bits(dtype, named, use_threads):
         values, moments = start((20_000, 7), dtype)
         rows = torch.arange(0, 20_000, 2) if named else None
         for gradient in gradients(values, 2):
-            CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), YES, rows)
+            CpuOperators().adam_(
+                [AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES
+            )
         results.append((values, moments.first, moments.second))
     for other in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
@@ -140,7 +152,7 @@ def test_what_native_code_does_not_take_goes_to_torch(turned):
     values = values.T if turned else values
     moments = AdamMoments.zeros_like(values)
     gradient = torch.ones_like(values)
-    CpuOperators().adam_(values, gradient, moments, 0.5, AdamSettings(), YES)
+    CpuOperators().adam_([AdamUpdate(values, gradient, moments, 0.5)], AdamSettings(), YES)
     assert torch.equal(values, torch.full_like(values, 0.5))
 
 
@@ -148,6 +160,6 @@ def test_a_graph_that_needs_the_old_values_notices_the_change():
     values, moments = start((5, 3), torch.float32)
     values.requires_grad_()
     squares = (values * values).sum()
-    CpuOperators().adam_(values, torch.ones(5, 3), moments, 0.1, AdamSettings(), YES)
+    CpuOperators().adam_([AdamUpdate(values, torch.ones(5, 3), moments, 0.1)], AdamSettings(), YES)
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         squares.backward()

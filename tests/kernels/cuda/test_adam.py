@@ -2,9 +2,11 @@
 
 import pytest
 import torch
+from support.calls import Calls, CountedLauncher
 from torch import Tensor
 
-from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
+from gsfw.kernels.cuda.operators import CudaOperators
 
 YES, NO = torch.tensor(True), torch.tensor(False)
 
@@ -35,8 +37,8 @@ def test_a_few_steps_agree_with_torch(operators, shape, dtype):
     others, other_moments = start(shape, dtype)
     eps = torch.finfo(dtype).eps
     for gradient in gradients(values, 4):
-        operators.adam_(values, gradient, moments, 0.01, AdamSettings(), YES)
-        Operators().adam_(others, gradient, other_moments, 0.01, AdamSettings(), YES)
+        operators.adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), YES)
+        Operators().adam_([AdamUpdate(others, gradient, other_moments, 0.01)], AdamSettings(), YES)
     assert close(moments.first, other_moments.first, float(gradient.abs().max()))
     torch.testing.assert_close(moments.second, other_moments.second, rtol=16 * eps, atol=0.0)
     assert close(values, others, 1.0 + float(others.abs().max()))
@@ -48,8 +50,8 @@ def test_arrays_that_begin_anywhere_are_stepped_too(operators):
     others, other_moments = start((41,), torch.float32)
     (gradient,) = gradients(values, 1)
     shifted = AdamMoments(moments.first[1:], moments.second[1:], moments.count)
-    operators.adam_(values[1:], gradient[1:], shifted, 0.01, AdamSettings(), YES)
-    Operators().adam_(others, gradient, other_moments, 0.01, AdamSettings(), YES)
+    operators.adam_([AdamUpdate(values[1:], gradient[1:], shifted, 0.01)], AdamSettings(), YES)
+    Operators().adam_([AdamUpdate(others, gradient, other_moments, 0.01)], AdamSettings(), YES)
     assert values[0] != others[0]
     assert close(values[1:], others[1:], 1.0)
 
@@ -62,8 +64,10 @@ def test_only_the_rows_that_are_named_change(operators, width):
     untouched = torch.ones(200, dtype=torch.bool).index_fill(0, rows, False)
     before = values.clone()
     for gradient in gradients(values, 3):
-        operators.adam_(values, gradient, moments, 0.01, AdamSettings(), YES, rows)
-        Operators().adam_(others, gradient, other_moments, 0.01, AdamSettings(), YES, rows)
+        operators.adam_([AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES)
+        Operators().adam_(
+            [AdamUpdate(others, gradient, other_moments, 0.01, rows)], AdamSettings(), YES
+        )
     assert torch.equal(values[untouched], before[untouched])
     assert not moments.first[untouched].any()
     assert not moments.second[untouched].any()
@@ -76,7 +80,7 @@ def test_rows_may_be_longer_than_a_block_steps(operators):
     before = values.clone()
     (gradient,) = gradients(values, 1)
     rows = torch.tensor([2, 0])
-    operators.adam_(values, gradient, moments, 0.01, AdamSettings(), YES, rows)
+    operators.adam_([AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES)
     expected = before - 0.01 * gradient.sign()  # Of a first step.
     torch.testing.assert_close(values[rows], expected[rows])
     assert torch.equal(values[1], before[1])
@@ -86,7 +90,7 @@ def test_no_rows_are_still_a_step(operators):
     values, moments = start((9, 3), torch.float32)
     before = values.clone()
     rows = torch.zeros(0, dtype=torch.int64)
-    operators.adam_(values, values, moments, 0.01, AdamSettings(), YES, rows)
+    operators.adam_([AdamUpdate(values, values, moments, 0.01, rows)], AdamSettings(), YES)
     assert torch.equal(values, before)
     assert moments.count == 1
 
@@ -99,7 +103,7 @@ def test_bands_of_longer_rows_are_moved_where_they_lie(operators, named):
     bands = AdamMoments(moments.first[:, :8], moments.second[:, :8], moments.count)
     rows = torch.arange(0, 100, 2) if named else None
     inner = values[:, :8]
-    operators.adam_(inner, gradient[:, :8], bands, 0.01, AdamSettings(), YES, rows)
+    operators.adam_([AdamUpdate(inner, gradient[:, :8], bands, 0.01, rows)], AdamSettings(), YES)
     assert torch.equal(values[:, 8:], before[:, 8:])
     assert not moments.second[:, 8:].any()
     assert moments.count == 1
@@ -114,10 +118,10 @@ def test_bands_of_longer_rows_are_moved_where_they_lie(operators, named):
 def test_nothing_changes_after_a_step_that_was_not_finite(operators, first):
     values, moments = start((50, 3), torch.float32)
     if not first:
-        operators.adam_(values, values.clone(), moments, 0.01, AdamSettings(), YES)
+        operators.adam_([AdamUpdate(values, values.clone(), moments, 0.01)], AdamSettings(), YES)
     before = [tensor.clone() for tensor in (values, moments.first, moments.second, moments.count)]
     gradient = torch.full_like(values, float("nan"))
-    operators.adam_(values, gradient, moments, 0.01, AdamSettings(), NO)
+    operators.adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), NO)
     after = (values, moments.first, moments.second, moments.count)
     assert all(torch.equal(old, new) for old, new in zip(before, after, strict=True))
 
@@ -125,7 +129,7 @@ def test_nothing_changes_after_a_step_that_was_not_finite(operators, first):
 def test_huge_gradients_leave_moments_finite(operators):
     values, moments = start((50, 3), torch.float32)
     gradient = torch.full_like(values, 3e38)
-    operators.adam_(values, gradient, moments, 0.01, AdamSettings(), YES)
+    operators.adam_([AdamUpdate(values, gradient, moments, 0.01)], AdamSettings(), YES)
     assert moments.second.isfinite().all()
     assert values.isfinite().all()
 
@@ -133,7 +137,9 @@ def test_huge_gradients_leave_moments_finite(operators):
 def test_rows_without_gradient_or_momentum_stay_exactly(operators):
     values, moments = start((50, 3), torch.float32)
     before = values.clone()
-    operators.adam_(values, torch.zeros_like(values), moments, 0.1, AdamSettings(), YES)
+    operators.adam_(
+        [AdamUpdate(values, torch.zeros_like(values), moments, 0.1)], AdamSettings(), YES
+    )
     assert torch.equal(values, before)
 
 
@@ -144,7 +150,9 @@ def test_any_order_of_threads_gives_the_same_bits(operators_of, named):
         values, moments = start((700, 7), torch.float32)
         rows = torch.arange(0, 700, 2) if named else None
         for gradient in gradients(values, 2):
-            operators_of(seed).adam_(values, gradient, moments, 0.01, AdamSettings(), YES, rows)
+            operators_of(seed).adam_(
+                [AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES
+            )
         results.append((values, moments.first, moments.second))
     for other in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
@@ -156,7 +164,7 @@ def test_what_kernels_do_not_take_goes_to_torch(operators, turned):
     values = values.T if turned else values
     moments = AdamMoments.zeros_like(values)
     gradient = torch.ones_like(values)
-    operators.adam_(values, gradient, moments, 0.5, AdamSettings(), YES)
+    operators.adam_([AdamUpdate(values, gradient, moments, 0.5)], AdamSettings(), YES)
     assert torch.equal(values, torch.full_like(values, 0.5))
 
 
@@ -164,6 +172,46 @@ def test_a_graph_that_needs_the_old_values_notices_the_change(operators):
     values, moments = start((5, 3), torch.float32)
     values.requires_grad_()
     squares = (values * values).sum()
-    operators.adam_(values, torch.ones(5, 3), moments, 0.1, AdamSettings(), YES)
+    operators.adam_([AdamUpdate(values, torch.ones(5, 3), moments, 0.1)], AdamSettings(), YES)
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         squares.backward()
+
+
+def updates_of_many(
+    numbers: list[tuple[tuple[int, ...], torch.dtype]], some: Tensor
+) -> list[AdamUpdate]:
+    """Updates of tables of many kinds: every third one of some rows, every fifth one of a part."""
+    updates = []
+    for place, (shape, dtype) in enumerate(numbers):
+        values, moments = start(shape, dtype)
+        (gradient,) = gradients(values, 1)
+        rows = some if place % 3 == 2 else None
+        if place % 5 == 4:
+            values, gradient = values[:, :2], gradient[:, :2]
+            moments = AdamMoments(moments.first[:, :2], moments.second[:, :2], moments.count)
+        updates.append(AdamUpdate(values, gradient, moments, 0.01 * (place + 1), rows))
+    return updates
+
+
+def test_tables_of_one_step_have_the_bits_of_steps_of_their_own(operators):
+    shapes = [(11,), (300, 3), (40, 4), (37, 15, 3), (1500, 3)] * 4
+    dtypes = [torch.float32, torch.float32, torch.float64]
+    numbers = [(shape, dtypes[place % 3]) for place, shape in enumerate(shapes)]
+    numbers += [((20, 3), torch.float32)] * 14
+    some = torch.tensor([7, 0, 9])
+    together, alone = (updates_of_many(numbers, some) for _ in range(2))
+    operators.adam_(together, AdamSettings(), YES)
+    for update in alone:
+        operators.adam_([update], AdamSettings(), YES)
+    for found, expected in zip(together, alone, strict=True):
+        assert torch.equal(found.values, expected.values)
+        assert torch.equal(found.moments.second, expected.moments.second)
+        assert found.moments.count == expected.moments.count == 1
+
+
+def test_the_tables_of_a_step_take_two_launches_and_one_allocation():
+    updates = updates_of_many([((50, 3), torch.float32)] * 6, torch.tensor([1]))
+    with Calls(launcher := CountedLauncher()) as calls:
+        CudaOperators(launcher).adam_(updates, AdamSettings(), YES)
+    assert calls.launches == ["begin_adam<float>", "adam<float>"]
+    assert calls.operations == ["aten.new_empty.default"]

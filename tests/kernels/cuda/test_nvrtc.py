@@ -37,7 +37,6 @@ REGISTERS = {
     "add_losses": 64,
     "begin_adam": 40,
     "adam": 48,
-    "adam_rows": 32,
     "check_finite": 48,
     **{
         f"project<float, {shape}, {degree}, true>": 96

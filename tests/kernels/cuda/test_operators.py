@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.kernels.cuda import operators as module
 from gsfw.kernels.cuda.operators import CudaOperators
 from gsfw.plugins.loading import load_all
@@ -43,7 +43,9 @@ def test_the_host_waits_for_nothing(operators):
         (0.8 * l1 + 0.2 * dssim).backward()
         finite = operators.all_finite([rendered.grad, values])
         for some in (None, rows):
-            operators.adam_(values, values.clone(), moments, 0.1, AdamSettings(), finite, some)
+            operators.adam_(
+                [AdamUpdate(values, values.clone(), moments, 0.1, some)], AdamSettings(), finite
+            )
     assert waiting.found == []
     assert moments.count == 2
 
@@ -68,7 +70,7 @@ def test_tensors_of_the_cpu_are_left_to_torch():
     before, moments = values.clone(), AdamMoments.zeros_like(values)
     operators = CudaOperators()
     finite = operators.all_finite([values])
-    operators.adam_(values, torch.ones(5, 3), moments, 0.5, AdamSettings(), finite)
+    operators.adam_([AdamUpdate(values, torch.ones(5, 3), moments, 0.5)], AdamSettings(), finite)
     torch.testing.assert_close(values, before - 0.5)
     images = torch.rand(1, 8, 8, 3), torch.rand(1, 8, 8, 3)
     assert operators.l1_dssim(*images) == Operators().l1_dssim(*images)

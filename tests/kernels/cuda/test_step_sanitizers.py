@@ -7,7 +7,7 @@ STEP = """
 import sys
 import torch
 from emulation.launcher import EmulatedLauncher
-from gsfw.core.operators import AdamMoments, AdamSettings
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate
 from gsfw.kernels.cuda.operators import CudaOperators
 
 operators = CudaOperators(EmulatedLauncher(sanitize=sys.argv[1]))
@@ -19,9 +19,11 @@ values = torch.rand(301, 5, 3)
 moments = AdamMoments.zeros_like(values)
 finite = operators.all_finite([values, rendered.grad, torch.rand(8193)])
 for rows in (None, torch.tensor([300, 7])):
-    operators.adam_(values, values.clone(), moments, 0.1, AdamSettings(), finite, rows)
+    update = AdamUpdate(values, values.clone(), moments, 0.1, rows)
+    operators.adam_([update], AdamSettings(), finite)
 bands = AdamMoments(moments.first[:, :2], moments.second[:, :2], moments.count)
-operators.adam_(values[:, :2], values[:, :2].clone(), bands, 0.1, AdamSettings(), finite)
+update = AdamUpdate(values[:, :2], values[:, :2].clone(), bands, 0.1)
+operators.adam_([update], AdamSettings(), finite)
 assert moments.count == 3
 """
 

@@ -206,5 +206,6 @@ class NoMask(Operators):
 
 @breaks("operators", "adam-agrees")
 class NoGate(Operators):
-    def adam_(self, values, gradient, moments, rate, settings, finite, rows=None):
-        super().adam_(values, gradient.nan_to_num(), moments, rate, settings, ~finite | finite)
+    def adam_(self, updates, settings, finite):
+        bare = [replace(update, gradient=update.gradient.nan_to_num()) for update in updates]
+        super().adam_(bare, settings, ~finite | finite)
