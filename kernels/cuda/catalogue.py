@@ -11,13 +11,14 @@ from gsfw.kernels.cuda.instances import NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
     BlendBackwardJob,
     BlendJob,
+    CountsJob,
     EmitJob,
     ProjectBackwardJob,
     ProjectJob,
     TilesJob,
 )
 from gsfw.kernels.cuda.launcher import Entry, Kernel
-from gsfw.kernels.cuda.sort import DigitsJob, ScatterJob
+from gsfw.kernels.cuda.sort import sort_kernels
 from gsfw.kernels.cuda.step_jobs import (
     AdamJob,
     FiniteJob,
@@ -70,15 +71,12 @@ def _blends(dtype: torch.dtype) -> list[Entry]:
 
 
 def _bins(dtype: torch.dtype) -> list[Entry]:
-    depth = "uint32" if dtype == torch.float32 else "uint64"
-    entries: list[Entry] = []
-    for key in (depth, "uint16"):
-        entries.append((Kernel("sort.cu", f"count_digits<{key}>"), DigitsJob))
-        entries.append((Kernel("sort.cu", f"scatter<{key}>"), ScatterJob))
+    depth = torch.int32 if dtype == torch.float32 else torch.int64
+    entries: list[Entry] = [*sort_kernels(depth), *sort_kernels(torch.int16)]
     for tile_key in (torch.int16, torch.int32):
         chosen = Instances(dtype, False, -1, 3, tile_key)
         entries += [(chosen.emit, EmitJob), (chosen.find_tiles, TilesJob)]
-    return entries
+    return [*entries, (chosen.sum_counts, CountsJob)]
 
 
 def _steps(number: str) -> list[Entry]:

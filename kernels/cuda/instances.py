@@ -56,6 +56,11 @@ class Instances:
         )
 
     @property
+    def sum_counts(self) -> Kernel:
+        """The kernel that sums tile counts from front to back."""
+        return Kernel("bin.cu", "sum_counts<int>")
+
+    @property
     def emit(self) -> Kernel:
         """From projected splats to pairs of a splat and a tile."""
         return Kernel("bin.cu", f"emit<{NAMES[self.dtype]}, {KEYS[self.tile_key]}>")

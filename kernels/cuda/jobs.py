@@ -90,6 +90,21 @@ class ProjectJob(ctypes.Structure):
     ]
 
 
+class CountsJob(ctypes.Structure):
+    """Arguments of ``sum_counts``."""
+
+    _fields_: ClassVar = [
+        ("order", POINTER),
+        ("count", INT64),
+        ("tile_counts", POINTER),
+        ("ends", POINTER),
+        ("row_ends", POINTER),
+        ("pairs", POINTER),
+        ("next", POINTER),
+        ("words", POINTER),
+    ]
+
+
 class EmitJob(ctypes.Structure):
     """Arguments of ``emit``."""
 
@@ -117,8 +132,13 @@ class TilesJob(ctypes.Structure):
         ("tiles", POINTER),
         ("pairs", INT64),
         ("num_tiles", INT),
-        ("unused", INT),
+        ("chunk", INT),
         ("starts", POINTER),
+        ("chunk_starts", POINTER),
+        ("chunk_tiles", POINTER),
+        ("chunks", INT64),
+        ("next", POINTER),
+        ("words", POINTER),
     ]
 
 

@@ -6,7 +6,10 @@ The kernels are in sources/sort.cu, which says how they work.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from typing import ClassVar
 
 import torch
@@ -20,14 +23,20 @@ from gsfw.kernels.cuda.source_files import constant
 THREADS = constant("sort_stages.h", "SORT_THREADS")
 """Threads of a block."""
 
-MOST_DIGIT_BITS = constant("sort_stages.h", "DIGITS").bit_length() - 1
-"""Most bits of a digit."""
+DIGITS = constant("sort_stages.h", "DIGITS")
+"""Most values of a digit."""
+
+SORT_PASSES = constant("sort_stages.h", "SORT_PASSES")
+COUNT_BLOCKS = constant("sort_stages.h", "COUNT_BLOCKS")
 
 KEY_TYPES = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
 """Types of the bits of keys in C++."""
 
 KEYS_PER_THREAD = {torch.int16: 8, torch.int32: 8, torch.int64: 4}
 """``KEYS_PER_THREAD`` of sources/sort_stages.h."""
+
+WORD_BYTES = 8
+"""Bytes of a word of ``RadixSort.num_words``."""
 
 
 class DigitField(ctypes.Structure):
@@ -42,7 +51,9 @@ class DigitsJob(ctypes.Structure):
     _fields_: ClassVar = [
         ("keys", POINTER),
         ("count", INT64),
-        ("field", DigitField),
+        ("fields", DigitField * SORT_PASSES),
+        ("passes", INT),
+        ("unused", INT),
         ("counts", POINTER),
     ]
 
@@ -55,23 +66,105 @@ class ScatterJob(ctypes.Structure):
         ("payload", POINTER),
         ("count", INT64),
         ("field", DigitField),
-        ("ends", POINTER),
+        ("pass", INT),
+        ("unused", INT),
+        ("counts", POINTER),
+        ("next", POINTER),
+        ("words", POINTER),
         ("sorted_keys", POINTER),
         ("sorted_payload", POINTER),
     ]
 
 
-def sort_kernels(keys: torch.dtype) -> list[Entry]:
-    """The kernels that sort keys of this type."""
-    return [(_count_digits(keys), DigitsJob), (_scatter(keys), ScatterJob)]
+@dataclass(frozen=True)
+class KeyedRows:
+    """Addresses of keys, and of the int32 that goes along with each."""
+
+    keys: int | None
+    payload: int | None
+    """``None``, before a sort, for the indices of the keys."""
 
 
-def _count_digits(keys: torch.dtype) -> Kernel:
-    return Kernel("sort.cu", f"count_digits<{KEY_TYPES[keys]}>")
+@dataclass(frozen=True)
+class RadixSort:
+    """A sort by the lowest ``bits`` bits of ``count`` keys; what is equal stays in order."""
+
+    dtype: torch.dtype
+    """int16, int32 or int64; the bits of keys count as unsigned numbers."""
+    count: int
+    bits: int
+    """At least 1; each eight of them cost a pass over all keys."""
+
+    @property
+    def num_words(self) -> int:
+        """Words that have to be 0 before ``run``: counts, next numbers, and sums of blocks."""
+        return (DIGITS + 1) * len(_fields(self.bits)) + DIGITS * self._blocks
+
+    @property
+    def _blocks(self) -> int:
+        return -(-self.count // (THREADS * KEYS_PER_THREAD[self.dtype]))
+
+    def run(
+        self,
+        launcher: Launcher,
+        given: KeyedRows,
+        spare: KeyedRows | None,
+        result: KeyedRows,
+        words: int,
+    ) -> None:
+        """Sort ``given`` into ``result``.
+
+        Args:
+            launcher: it reaches the memory.
+            given: read by the first pass.
+            spare: memory that the last pass reads, and every second one before it writes; ``None``
+                where one pass is enough.
+            result: memory that the last pass writes, and every second one before it.
+            words: address of ``num_words`` words of 0.
+        """
+        count, scatter = sort_kernels(self.dtype)
+        fields = _fields(self.bits)
+        passes = len(fields)
+        every = (DigitField * SORT_PASSES)(*fields)
+        blocks = self._blocks
+        counting = DigitsJob(given.keys, self.count, every, passes, 0, words)
+        launcher.launch(count[0], min(blocks, COUNT_BLOCKS), THREADS, counting)
+        numbers = words + WORD_BYTES * DIGITS * passes
+        for number, field in enumerate(fields):
+            target = spare if (passes - number) % 2 == 0 else result
+            assert target is not None, "several passes need spare memory"
+            job = ScatterJob(
+                given.keys,
+                given.payload,
+                self.count,
+                field,
+                number,
+                0,
+                words + WORD_BYTES * DIGITS * number,
+                numbers + WORD_BYTES * number,
+                numbers + WORD_BYTES * passes,
+                target.keys,
+                target.payload,
+            )
+            launcher.launch(scatter[0], blocks, THREADS, job)
+            given = target
 
 
-def _scatter(keys: torch.dtype) -> Kernel:
-    return Kernel("sort.cu", f"scatter<{KEY_TYPES[keys]}>")
+@cache
+def sort_kernels(keys: torch.dtype) -> tuple[Entry, Entry]:
+    """The kernels that sort keys of this type: to count digits, and for each pass."""
+    name = KEY_TYPES[keys]
+    count, scatter = f"count_digits<{name}>", f"scatter<{name}>"
+    return (Kernel("sort.cu", count), DigitsJob), (Kernel("sort.cu", scatter), ScatterJob)
+
+
+@cache
+def _fields(bits: int) -> Sequence[DigitField]:
+    """Digits from the lowest to the highest, as equal as can be: few values make long runs."""
+    most = DIGITS.bit_length() - 1
+    passes = -(-bits // most)
+    ends = [bits * number // passes for number in range(passes + 1)]
+    return [DigitField(shift, 1 << (end - shift)) for shift, end in pairwise(ends)]
 
 
 def radix_sort(
@@ -80,16 +173,16 @@ def radix_sort(
     payload: Int32[Tensor, " n"] | None,
     bits: int,
 ) -> tuple[Shaped[Tensor, " n"], Int32[Tensor, " n"]]:
-    """Sort by the lowest ``bits`` bits of the keys; what is equal stays in order.
+    """Sort tensors by the lowest ``bits`` bits of the keys; see ``RadixSort``.
 
     Args:
-        launcher: runs the kernels where the tensors are.
-        keys: int16, int32 or int64, contiguous; their bits count as unsigned numbers.
+        launcher: runs the kernels.
+        keys: contiguous.
         payload: goes along with the keys, contiguous; their indices if ``None``.
-        bits: from 0 to the width of a key; each eight of them cost a pass over all keys.
+        bits: from 1 to the width of a key.
 
     Returns:
-        Sorted keys and payload; the inputs are not written to, and with 0 bits they are returned.
+        Sorted keys and payload; the inputs are not written to.
 
     Raises:
         ValueError: the keys have another type or not as many bits, an index does not fit the
@@ -97,44 +190,17 @@ def radix_sort(
     """
     if keys.dtype not in KEY_TYPES:
         raise ValueError(f"expected keys of int16, int32 or int64, found {keys.dtype}")
-    if not 0 <= bits <= 8 * keys.element_size():
+    if not 1 <= bits <= 8 * keys.element_size():
         raise ValueError(f"cannot sort {keys.dtype} by {bits} bits")
-    if payload is None and len(keys) > torch.iinfo(torch.int32).max:
-        raise ValueError(f"indices of {len(keys)} keys do not fit int32")
-    for field in _fields(bits):
-        keys, payload = _sort_by_digit(launcher, keys, payload, field)
-    if payload is None:
-        payload = torch.arange(len(keys), dtype=torch.int32, device=keys.device)
-    return keys, payload
-
-
-def _fields(bits: int) -> Iterator[DigitField]:
-    """Digits from the lowest to the highest, as equal as can be: few values make long runs."""
-    passes = -(-bits // MOST_DIGIT_BITS)
-    for number in range(passes):
-        shift, end = bits * number // passes, bits * (number + 1) // passes
-        yield DigitField(shift, 1 << (end - shift))
-
-
-def _sort_by_digit(
-    launcher: Launcher, keys: Tensor, payload: Tensor | None, field: DigitField
-) -> tuple[Tensor, Tensor]:
-    device = keys.device
-    blocks = -(-len(keys) // (THREADS * KEYS_PER_THREAD[keys.dtype]))
-    counts = torch.empty(field.digits * blocks, dtype=torch.int64, device=device)
-    counting = DigitsJob(address(keys), len(keys), field, address(counts))
-    launcher.launch(_count_digits(keys.dtype), blocks, THREADS, counting)
-    ends = counts.cumsum(0)
-    sorted_keys = torch.empty_like(keys)
-    sorted_payload = torch.empty(len(keys), dtype=torch.int32, device=device)
-    scattering = ScatterJob(
-        address(keys),
-        address(payload),
-        len(keys),
-        field,
-        address(ends),
-        address(sorted_keys),
-        address(sorted_payload),
+    if len(keys) > torch.iinfo(torch.int32).max:
+        raise ValueError(f"places of {len(keys)} keys do not fit int32")
+    sort = RadixSort(keys.dtype, len(keys), bits)
+    places = torch.empty(2, len(keys), dtype=torch.int32, device=keys.device)
+    found = keys.new_empty(2, len(keys))
+    words = torch.zeros(sort.num_words, dtype=torch.int64, device=keys.device)
+    spare, result = (
+        KeyedRows(address(some), address(along)) for some, along in zip(found, places, strict=True)
     )
-    launcher.launch(_scatter(keys.dtype), blocks, THREADS, scattering)
-    return sorted_keys, sorted_payload
+    given = KeyedRows(address(keys), address(payload))
+    sort.run(launcher, given, spare, result, words.data_ptr())
+    return found[1], places[1]

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.kernels.cuda import jobs
+from gsfw.kernels.cuda.arrays import Arrays
 from gsfw.kernels.cuda.instances import Instances
 from gsfw.kernels.cuda.launcher import Entry, Launcher, address
-from gsfw.kernels.cuda.sort import radix_sort, sort_kernels
 from gsfw.kernels.cuda.source_files import constant, enumerators
 from gsfw.kernels.render_arguments import (
     POSE_FIELDS,
@@ -23,7 +23,8 @@ from gsfw.kernels.render_arguments import (
     KernelSettings,
     SplatGradients,
 )
-from gsfw.rasterizers.kernel_backend import ForwardPass, TooManyPairs
+from gsfw.rasterizers.cuda.bin import Binning, bin_kernels, row_arrays
+from gsfw.rasterizers.kernel_backend import ForwardPass
 
 TILE = constant("stages.h", "TILE")
 """Side of a tile in pixels."""
@@ -37,7 +38,6 @@ SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
 """Sums per splat before those of its channels."""
 
 PROJECT_THREADS = constant("splat.h", "PROJECT_THREADS")
-BIN_THREADS = constant("stages.h", "BIN_THREADS")
 WARP = constant("platform.h", "WARP")
 
 
@@ -101,14 +101,10 @@ def instances_of(inputs: KernelInputs, settings: KernelSettings) -> Instances:
 
 def kernels_of(chosen: Instances, differentiated: bool) -> list[Entry]:
     """The kernels of an ordinary image, with or without its backward pass."""
-    depth_key = torch.int32 if chosen.dtype == torch.float32 else torch.int64
     kernels: list[Entry] = [
         (chosen.project, jobs.ProjectJob),
-        (chosen.emit, jobs.EmitJob),
-        (chosen.find_tiles, jobs.TilesJob),
         (chosen.blend(measure=False), jobs.BlendJob),
-        *sort_kernels(depth_key),
-        *sort_kernels(chosen.tile_key),
+        *bin_kernels(chosen),
     ]
     if differentiated:
         kernels.append((chosen.blend_backward(absolute=False), jobs.BlendBackwardJob))
@@ -137,11 +133,11 @@ class CudaForwardPass(ForwardPass):
         self._visible, self._radii = outputs.visible, outputs.radii
         clock = self._clock
         with clock.stage("project"):
-            self._project()
+            binning = self._project()
         with clock.stage("sort"):
-            order = self._sort_by_depth()
+            words = binning.sort_by_depth()
         with clock.stage("bin"):
-            self._bin(order)
+            self._pairs = binning.pairs(words, settings.differentiated)
         with clock.stage("blend"):
             self._blend(outputs)
 
@@ -156,28 +152,38 @@ class CudaForwardPass(ForwardPass):
         """Milliseconds of each stage on the device, where they are measured."""
         return self._clock.times()
 
-    def _project(self) -> None:
+    def _project(self) -> Binning:
+        """Project; what remains to be done for the pairs."""
         means = self._inputs.splats.means
-        n, width = len(means), SPLAT_CHANNELS + self._instances.width
-        self._projected = means.new_empty(n, _multiple_of_4(width))
-        key = torch.int32 if means.dtype == torch.float32 else torch.int64
-        self._depth_keys = means.new_empty(n, dtype=key)
-        self._tile_counts = means.new_empty(n, dtype=torch.int32)
+        n, stride = len(means), _multiple_of_4(SPLAT_CHANNELS + self._instances.width)
+        sizes = {"projected": (n * stride, means.dtype), "tile_counts": (n, torch.int32)}
+        if self._deterministic:
+            sizes["ends"] = (n, torch.int64)
+        self._rows = Arrays(means.device, sizes)
+        passing = row_arrays(n, means.dtype, means.device)
         self._job = jobs.ProjectJob(
             view=self._view(),
             splats=self._splats(),
             grid=self._grid,
             level_min=self._settings.level_min,
             bounded=self._settings.alpha_min > 0,
-            stride=self._projected.shape[1],
-            projected=address(self._projected),
-            depth_keys=address(self._depth_keys),
-            tile_counts=address(self._tile_counts),
+            stride=stride,
+            projected=self._rows.address("projected"),
+            depth_keys=passing.address("depth_keys"),
+            tile_counts=self._rows.address("tile_counts"),
             visible=address(self._visible),
             radii=address(self._radii),
         )
         blocks = -(-n // PROJECT_THREADS)
         self._launcher.launch(self._instances.project, blocks, PROJECT_THREADS, self._job)
+        return Binning(
+            self._launcher,
+            self._instances,
+            self._job,
+            passing,
+            self._rows.address("ends"),
+            self._settings.max_pairs,
+        )
 
     def _view(self) -> jobs.View:
         settings = self._settings
@@ -217,65 +223,11 @@ class CudaForwardPass(ForwardPass):
             depth_channels=self._settings.depth_channels,
         )
 
-    def _sort_by_depth(self) -> Int[Tensor, " n"]:
-        """All rows, the visible ones first, from front to back; equal depths by row."""
-        bits = 8 * self._depth_keys.element_size()
-        _, order = radix_sort(self._launcher, self._depth_keys, None, bits)
-        del self._depth_keys
-        return order
-
-    def _bin(self, order: Int[Tensor, " n"]) -> None:
-        counts = self._tile_counts[order]
-        ends = counts.cumsum(0, dtype=torch.int64)
-        pairs = int(ends[-1]) if len(ends) else 0  # The number that the host waits for.
-        if pairs > self._settings.max_pairs:
-            raise TooManyPairs(pairs)
-        numbered = self._deterministic
-        tiles = ends.new_empty(pairs, dtype=self._instances.tile_key)
-        payload = ends.new_empty(pairs, dtype=torch.int32)
-        rows = torch.empty_like(payload) if numbered else None
-        job = jobs.EmitJob(
-            grid=self._grid,
-            bounded=self._job.bounded,
-            stride=self._job.stride,
-            projected=self._job.projected,
-            order=address(order),
-            count=len(order),
-            tile_counts=address(self._tile_counts),
-            ends=address(ends),
-            tiles=address(tiles),
-            payload=address(payload),
-            rows=address(rows),
-            numbered=numbered,
-        )
-        blocks = -(-len(order) // BIN_THREADS) if pairs else 0
-        self._launcher.launch(self._instances.emit, blocks, BIN_THREADS, job)
-        num_tiles = self._grid.columns * self._grid.rows
-        bits = max(1, (num_tiles - 1).bit_length())
-        tiles, payload = radix_sort(self._launcher, tiles, payload, bits)
-        self._slots = payload if numbered else None
-        self._pair_rows = payload if rows is None else rows[payload]
-        self._find_tiles(tiles, num_tiles)
-        if numbered:
-            self._slot_lengths, self._order, self._ends = counts, order, ends
-
-    def _find_tiles(self, tiles: Int[Tensor, " p"], num_tiles: int) -> None:
-        """Find the first pair of each tile, and its chunks after the first."""
-        starts = torch.empty(num_tiles + 1, dtype=torch.int64, device=tiles.device)
-        job = jobs.TilesJob(address(tiles), len(tiles), num_tiles, 0, address(starts))
-        blocks = -(-len(starts) // BIN_THREADS)
-        self._launcher.launch(self._instances.find_tiles, blocks, BIN_THREADS, job)
-        chunk = self._instances.chunk
-        further = ((starts.diff() + (chunk - 1)) // chunk - 1).clamp_(min=0)
-        self._tile_starts = starts
-        self._chunk_starts = torch.zeros_like(starts)
-        torch.cumsum(further, 0, out=self._chunk_starts[1:])
-
     def _blend(self, outputs: KernelOutputs) -> None:
-        contribution = outputs.contribution
+        contribution, pairs = outputs.contribution, self._pairs.arrays
         measured = contribution
-        if contribution is not None and self._slots is not None:
-            measured = contribution.new_zeros(len(self._slots))
+        if contribution is not None and self._deterministic:
+            measured = contribution.new_zeros(self._pairs.count)
         settings = self._settings
         self._blend_job = jobs.BlendJob(
             grid=self._grid,
@@ -287,48 +239,55 @@ class CudaForwardPass(ForwardPass):
             stride=self._job.stride,
             channels=self._channels,
             bounded=self._job.bounded,
-            rows=address(self._pair_rows),
-            tile_starts=address(self._tile_starts),
-            chunk_starts=address(self._chunk_starts),
+            rows=pairs.address("rows"),
+            tile_starts=pairs.address("starts"),
+            chunk_starts=pairs.address("chunk_starts"),
             background=address(self._inputs.background),
             image=address(outputs.image),
             alpha=address(outputs.alpha),
             contribution=address(measured),
             pixel_weights=address(self._inputs.pixel_weights),
-            slots=address(self._slots),
+            slots=pairs.address("slots"),
         )
         if settings.differentiated:
-            self._keep_for_backward(outputs.alpha)
+            self._keep_for_backward()
         kernel = self._instances.blend(contribution is not None)
-        num_tiles = self._grid.columns * self._grid.rows
-        self._launcher.launch(kernel, num_tiles, TILE * TILE, self._blend_job)
+        self._launcher.launch(kernel, self._num_tiles, TILE_PIXELS, self._blend_job)
         if contribution is not None and measured is not None and measured is not contribution:
             self._add_contributions(measured, contribution)
 
-    def _keep_for_backward(self, alpha: Float[Tensor, "h w"]) -> None:
+    @property
+    def _num_tiles(self) -> int:
+        return int(self._grid.columns * self._grid.rows)
+
+    def _keep_for_backward(self) -> None:
         """Room for what the backward pass starts from."""
-        chunks = len(self._pair_rows) // self._instances.chunk
-        self._left = torch.empty_like(alpha)
-        self._seen = torch.empty_like(alpha, dtype=torch.int32)
-        self._checkpoints = alpha.new_empty(chunks, 1 + self._instances.width, TILE * TILE)
-        self._chunk_tiles = torch.full(
-            (chunks,), -1, dtype=torch.int32, device=self._pair_rows.device
+        dtype, pixels = self._instances.dtype, self._grid.width * self._grid.height
+        chunks = self._pairs.room // self._instances.chunk
+        self._checkpoints = Arrays(
+            self._inputs.background.device,
+            {
+                "left": (pixels, dtype),
+                "seen": (pixels, torch.int32),
+                "checkpoints": (chunks * (1 + self._instances.width) * TILE_PIXELS, dtype),
+            },
         )
         job = self._blend_job
-        job.left, job.seen = address(self._left), address(self._seen)
-        job.checkpoints = address(self._checkpoints)
-        job.chunk_tiles = address(self._chunk_tiles)
+        job.left, job.seen = (self._checkpoints.address(name) for name in ("left", "seen"))
+        job.checkpoints = self._checkpoints.address("checkpoints")
+        job.chunk_tiles = self._pairs.arrays.address("chunk_tiles")
 
     def _add_contributions(self, measured: Tensor, contribution: Float[Tensor, " n"]) -> None:
         """Sum each splat's slots, in their order."""
-        sums = torch.segment_reduce(
-            measured, "sum", lengths=self._slot_lengths.long(), initial=0, unsafe=True
-        )
-        contribution[self._order] = sums
+        order = self._pairs.order
+        assert order is not None, "slots are numbered"
+        lengths = self._rows.tensor("tile_counts")[order].long()
+        sums = torch.segment_reduce(measured, "sum", lengths=lengths, initial=0, unsafe=True)
+        contribution[order] = sums
 
     def _blend_backward(self, gradients: KernelGradients) -> Tensor:
-        absolute = gradients.absgrad is not None
-        rows = len(self._pair_rows) if self._deterministic else len(self._tile_counts)
+        absolute, pairs = gradients.absgrad is not None, self._pairs
+        rows = pairs.room if self._deterministic else int(self._job.splats.count)
         stride = SUM_CHANNELS + self._channels + (2 if absolute else 0)
         sums = gradients.image.new_zeros(rows, stride)
         self._blend_job.image = address(gradients.rendered)
@@ -336,30 +295,25 @@ class CudaForwardPass(ForwardPass):
             forward=self._blend_job,
             image_gradient=address(gradients.image),
             alpha_gradient=address(gradients.alpha),
-            chunks=len(self._chunk_tiles),
+            chunks=pairs.chunks,
             sums=address(sums),
             sum_stride=stride,
         )
-        blocks = self._grid.columns * self._grid.rows + len(self._chunk_tiles)
         kernel = self._instances.blend_backward(absolute)
-        self._launcher.launch(kernel, blocks if len(self._pair_rows) else 0, WARP, job)
+        blocks = self._num_tiles + pairs.chunks if pairs.count else 0
+        self._launcher.launch(kernel, blocks, WARP, job)
         return sums
 
     def _project_backward(self, gradients: KernelGradients, sums: Tensor) -> None:
-        n = len(self._tile_counts)
-        blocks = -(-n // PROJECT_THREADS)
+        blocks = -(-self._job.splats.count // PROJECT_THREADS)
         pose = gradients.pose
         poses = None if pose is None else pose.new_zeros(blocks, POSE_FIELDS)
-        slot_ends = None
-        if self._deterministic:
-            slot_ends = torch.empty_like(self._ends)
-            slot_ends[self._order] = self._ends
         job = jobs.ProjectBackwardJob(
             forward=self._job,
             sums=address(sums),
             sum_stride=sums.shape[1],
             channels=self._channels,
-            slot_ends=address(slot_ends),
+            slot_ends=self._rows.address("ends"),
             gradients=_addresses(gradients.splats),
             screen_gradient=address(gradients.screen_gradient),
             absgrad=address(gradients.absgrad),

@@ -4,10 +4,35 @@
 // other in memory. It deals out first their rows of tiles, one to a lane, and then the pairs of
 // these 32 rows, one to a lane, so that all lanes have work however unlike the splats are, and
 // write side by side.
+#include "look_back.h"
 #include "reach.h"
 
 namespace gsfw {
 namespace cuda {
+
+/// Sums the tile counts from front to back; one thread per COUNTS_PER_THREAD places in the order.
+template <class Count>
+__global__ void __launch_bounds__(BIN_THREADS) sum_counts(CountsJob job) {
+  const int block = take_number(job.next);
+  const int64 first = (int64(block) * BIN_THREADS + int(threadIdx.x)) * COUNTS_PER_THREAD;
+  int splats[COUNTS_PER_THREAD];
+  int64 ends[COUNTS_PER_THREAD], sum = 0;
+#pragma unroll
+  for (int i = 0; i < COUNTS_PER_THREAD; ++i) {
+    splats[i] = first + i < job.count ? job.order[first + i] : -1;
+    sum += splats[i] < 0 ? Count(0) : static_cast<const Count*>(job.tile_counts)[splats[i]];
+    ends[i] = sum;
+  }
+  const BlockSum<int64> of = block_sum<BIN_THREADS>(sum);
+  const int64 before = sum_before_block(job.words, block, of.all) + of.before;
+#pragma unroll
+  for (int i = 0; i < COUNTS_PER_THREAD; ++i) {
+    if (splats[i] < 0) break;
+    job.ends[first + i] = before + ends[i];
+    if (job.row_ends) job.row_ends[splats[i]] = before + ends[i];
+    if (first + i == job.count - 1) *job.pairs = before + ends[i];
+  }
+}
 
 /// The lane that has number ``item`` where lane i has those from ``ends`` of lane i - 1 up to its
 /// own; the last lane for numbers beyond. A warp collective; lanes may ask for different numbers.
@@ -107,11 +132,9 @@ __global__ void __launch_bounds__(BIN_THREADS, sizeof(T) > 4 ? 4 : 6) emit(EmitJ
   }
 }
 
-/// Finds by bisection where the pairs of each tile begin; one thread per tile and one for the end.
+/// Finds by bisection the first pair of a tile or of a later one.
 template <class Key>
-__global__ void __launch_bounds__(BIN_THREADS) find_tiles(TilesJob job) {
-  const int64 tile = thread_index();
-  if (tile > job.num_tiles) return;
+__device__ __forceinline__ int64 first_pair(const TilesJob& job, int64 tile) {
   const Key* tiles = static_cast<const Key*>(job.tiles);
   int64 low = 0, high = job.pairs;
   while (low < high) {
@@ -122,7 +145,29 @@ __global__ void __launch_bounds__(BIN_THREADS) find_tiles(TilesJob job) {
       high = middle;
     }
   }
-  job.starts[tile] = low;
+  return low;
+}
+
+/// One thread per tile and one for the end.
+template <class Key>
+__global__ void __launch_bounds__(BIN_THREADS) find_tiles(TilesJob job) {
+  __shared__ int64 starts[BIN_THREADS + 1];
+  const int block = take_number(job.next), thread = threadIdx.x;
+  const int64 tile = int64(block) * BIN_THREADS + thread;
+  starts[thread] = first_pair<Key>(job, tile);
+  if (thread == 0) starts[BIN_THREADS] = first_pair<Key>(job, tile + BIN_THREADS);
+  __syncthreads();
+  const int64 start = starts[thread], pairs = starts[thread + 1] - start;
+  const bool has_further = tile < job.num_tiles && pairs > 0;
+  const int64 further = has_further ? (pairs - 1) / job.chunk : 0;
+  const BlockSum<int64> of = block_sum<BIN_THREADS>(further);
+  const int64 before = sum_before_block(job.words, block, of.all) + of.before;
+  if (tile <= job.num_tiles) {
+    job.starts[tile] = start;
+    job.chunk_starts[tile] = before;
+  }
+  const int64 stride = int64(gridDim.x) * BIN_THREADS;
+  for (int64 i = tile; i < job.chunks; i += stride) job.chunk_tiles[i] = -1;
 }
 
 }  // namespace cuda

@@ -1,11 +1,11 @@
 // Sort: a stable radix sort, least significant digit first, of unsigned keys and a payload.
 //
-// A pass over one digit counts its values in every block of keys, sums these counts over all
-// blocks, which the host asks torch for, and takes every key to its place. Within a warp, lanes of
-// one digit find each other by ballots (Ashkiani et al. 2016, "GPU Multisplit", section 5); within
-// a block keys are put in order in shared memory first, so that they leave it in long runs. A sort
-// that sums while it scatters (Adinets and Merrill 2022, "Onesweep") reads its keys once less per
-// pass, but its blocks wait for one another, which this one need not.
+// One kernel counts the digits of all passes. Each pass then takes every key to its place in one
+// kernel, whose blocks learn by looking back how many keys of each digit earlier blocks have (Adinets
+// and Merrill 2022, "Onesweep"). Within a warp, lanes of one digit find each other by ballots
+// (Ashkiani et al. 2016, "GPU Multisplit", section 5); within a block keys are put in order in shared
+// memory first, so that they leave it in long runs.
+#include "look_back.h"
 #include "sort_stages.h"
 
 namespace gsfw {
@@ -19,44 +19,48 @@ __device__ __forceinline__ int digit_of(Key key, const DigitField& field) {
   return int(key >> field.shift) & (field.digits - 1);
 }
 
-/// The first key of a block of threads, among all, and how many it has.
+/// The first key of a block of keys, among all, and how many it has.
 struct KeyBlock {
   int64 first;
   int count;
 };
 
 template <class Key>
-__device__ __forceinline__ KeyBlock own_block(int64 keys) {
+__device__ __forceinline__ KeyBlock key_block(int64 block, int64 keys) {
   constexpr int MOST = SORT_THREADS * KEYS_PER_THREAD<Key>;
-  const int64 first = int64(blockIdx.x) * MOST, left = keys - first;
+  const int64 first = block * MOST, left = keys - first;
   return {first, left < MOST ? int(left) : MOST};
 }
 
-/// Counts digits; one block of threads per block of keys.
+/// Counts the digits of all passes; blocks of threads take turns with the blocks of keys.
 template <class Key>
 __global__ void __launch_bounds__(SORT_THREADS) count_digits(DigitsJob job) {
-  __shared__ int counts[DIGITS];
-  const int digit = threadIdx.x;
-  if (digit < DIGITS) counts[digit] = 0;
+  constexpr int PASSES = int(sizeof(Key));
+  __shared__ int counts[PASSES * DIGITS];
+  for (int i = threadIdx.x; i < PASSES * DIGITS; i += SORT_THREADS) counts[i] = 0;
   __syncthreads();
-  const KeyBlock block = own_block<Key>(job.count);
-  const Key* keys = static_cast<const Key*>(job.keys) + block.first;
+  const int64 stride = int64(gridDim.x) * SORT_THREADS;
+  for (int64 i = thread_index(); i < job.count; i += stride) {
+    const Key key = static_cast<const Key*>(job.keys)[i];
 #pragma unroll
-  for (int i = 0; i < KEYS_PER_THREAD<Key>; ++i) {
-    const int index = i * SORT_THREADS + int(threadIdx.x);
-    if (index < block.count) atomicAdd(&counts[digit_of(keys[index], job.field)], 1);
+    for (int pass = 0; pass < PASSES; ++pass) {
+      if (pass >= job.passes) break;
+      atomicAdd(&counts[pass * DIGITS + digit_of(key, job.fields[pass])], 1);
+    }
   }
   __syncthreads();
-  if (digit < job.field.digits) {
-    job.counts[int64(digit) * gridDim.x + blockIdx.x] = counts[digit];
+  for (int i = threadIdx.x; i < job.passes * DIGITS; i += SORT_THREADS) {
+    if (counts[i] != 0) atomicAdd(&job.counts[i], uint64(counts[i]));
   }
 }
 
 /// The lanes, among those that are ``valid``, whose digit is this lane's. A warp collective.
-__device__ __forceinline__ uint32 lanes_alike(int digit, bool valid) {
+__device__ __forceinline__ uint32 lanes_alike(int digit, bool valid, int digits) {
   uint32 alike = __ballot_sync(FULL_WARP, valid);
 #pragma unroll
   for (int bit = 1; bit < DIGITS; bit *= 2) {
+    // To leave the loop here would take more registers.
+    if (bit >= digits) continue;
     const bool set = (digit & bit) != 0;
     const uint32 lanes = __ballot_sync(FULL_WARP, set);
     alike &= set ? lanes : ~lanes;
@@ -66,8 +70,8 @@ __device__ __forceinline__ uint32 lanes_alike(int digit, bool valid) {
 
 /// Number of earlier keys of the warp with its digit; counts it. ``counts`` are the warp's.
 /// A warp collective.
-__device__ __forceinline__ int rank_in_warp(int digit, bool valid, int* counts) {
-  const uint32 alike = lanes_alike(digit, valid);
+__device__ __forceinline__ int rank_in_warp(int digit, bool valid, int digits, int* counts) {
+  const uint32 alike = lanes_alike(digit, valid, digits);
   const int before = counts[digit];
   __syncwarp();
   const bool last = valid && (alike >> lane_index()) == 1u;
@@ -75,20 +79,6 @@ __device__ __forceinline__ int rank_in_warp(int digit, bool valid, int* counts) 
   // The ballots that follow bring lanes together, but say nothing about memory.
   __syncwarp();
   return before + __popc(alike & lanes_before());
-}
-
-/// The sum of the values of all threads before this one. All threads of the block call it.
-__device__ __forceinline__ int sum_before(int value) {
-  __shared__ int sums[SORT_WARPS];
-  const int running = warp_running_sum(value);
-  if (lane_index() == WARP - 1) sums[warp_index()] = running;
-  __syncthreads();
-  int before = running - value;
-#pragma unroll
-  for (int w = 0; w < SORT_WARPS; ++w) {
-    if (w < warp_index()) before += sums[w];
-  }
-  return before;
 }
 
 /// Start and number of the keys of one digit, the number of this thread, in the block's order.
@@ -108,7 +98,7 @@ __device__ __forceinline__ DigitRun order_digits(int (*counts)[DIGITS]) {
     counts[w][digit] = count;
     count += own;
   }
-  const int begin = sum_before(count);
+  const int begin = block_sum<SORT_THREADS>(count).before;
 #pragma unroll 4
   for (int w = 0; digit < DIGITS && w < SORT_WARPS; ++w) counts[w][digit] += begin;
   return {begin, count};
@@ -155,7 +145,8 @@ __device__ __forceinline__ Share<Key> rank_keys(const ScatterJob& job, const Key
 #pragma unroll
   for (int i = 0; i < Share<Key>::ITEMS; ++i) {
     const bool valid = first + i * WARP < block.count;
-    share.places[i] = rank_in_warp(digit_of(share.keys[i], job.field), valid, counts);
+    const int digit = digit_of(share.keys[i], job.field);
+    share.places[i] = rank_in_warp(digit, valid, job.field.digits, counts);
   }
   return share;
 }
@@ -183,6 +174,22 @@ __device__ __forceinline__ void put_in_order(const ScatterJob& job, const KeyBlo
   __syncthreads();
 }
 
+/// The number of keys of one digit, the number of this thread, in all blocks before this one, which
+/// has ``own``. Words of earlier passes do not count: each pass has kinds of its own.
+__device__ __forceinline__ int64 keys_before(const ScatterJob& job, int block, int own) {
+  const int own_sum = 2 * job.pass + OWN_SUM, running_sum = 2 * job.pass + RUNNING_SUM;
+  uint64* words = job.words + threadIdx.x;
+  tell_sum(words + int64(block) * DIGITS, own_sum, own);
+  int64 sum = 0;
+  for (int other = block - 1; other >= 0; --other) {
+    const uint64 word = await_sum(words + int64(other) * DIGITS, own_sum);
+    sum += sum_of(word);
+    if (kind_of(word) == running_sum) break;
+  }
+  tell_sum(words + int64(block) * DIGITS, running_sum, sum + own);
+  return sum;
+}
+
 /// Takes keys and payload to their places; one block of threads per block of keys.
 template <class Key>
 __global__ void __launch_bounds__(SORT_THREADS, 2) scatter(ScatterJob job) {
@@ -192,16 +199,18 @@ __global__ void __launch_bounds__(SORT_THREADS, 2) scatter(ScatterJob job) {
   for (int i = threadIdx.x; i < SORT_WARPS * DIGITS; i += SORT_THREADS) {
     memory.counts[i / DIGITS][i % DIGITS] = 0;
   }
-  __syncthreads();
-  const KeyBlock block = own_block<Key>(job.count);
+  const int number = take_number(job.next);
+  const KeyBlock block = key_block<Key>(number, job.count);
   Share<Key> share = rank_keys<Key>(job, block, memory.counts[warp_index()]);
   __syncthreads();
   const DigitRun run = order_digits(memory.counts);
   const int digit = threadIdx.x;
-  if (digit < job.field.digits) {
-    const int64 end = job.ends[int64(digit) * gridDim.x + blockIdx.x];
-    moves[digit] = end - run.count - run.begin;
-  }
+  const bool has_digit = digit < job.field.digits;
+  const int64 before = has_digit ? keys_before(job, number, run.count) : 0;
+  __syncthreads();
+  const int all = has_digit ? int(job.counts[digit]) : 0;
+  const int first = block_sum<SORT_THREADS>(all).before;
+  if (has_digit) moves[digit] = first + before - run.begin;
   __syncthreads();
   put_in_order(job, block, share, memory);
   for (int place = threadIdx.x; place < block.count; place += SORT_THREADS) {

@@ -15,19 +15,26 @@ constexpr int SORT_THREADS = 512;
 template <class Key>
 constexpr int KEYS_PER_THREAD = sizeof(Key) > 4 ? 4 : 8;
 
+/// Most digits of a key.
+constexpr int SORT_PASSES = 8;
+/// Most blocks of ``count_digits``, each of which adds its counts to those of all.
+constexpr int COUNT_BLOCKS = 512;
+
 /// The digit that one pass sorts by: ``digits`` values, a power of two, from bit ``shift`` on.
 struct DigitField {
   int shift, digits;
 };
 
-/// count_digits<Key>: how often each block of keys has each digit.
+/// count_digits<Key>: how often each digit of each pass occurs.
 struct DigitsJob {
   /// Key [n]
   const void* keys;
   int64 count;
-  DigitField field;
-  /// int64 [digits, blocks]
-  int64* counts;
+  DigitField fields[SORT_PASSES];
+  int passes;
+  int unused;
+  /// [passes, DIGITS]; 0 before the kernel.
+  uint64* counts;
 };
 
 /// scatter<Key>: to its place with every key, and with what goes along with it.
@@ -38,8 +45,15 @@ struct ScatterJob {
   const int* payload;
   int64 count;
   DigitField field;
-  /// int64 [digits, blocks]: running sums of what ``count_digits`` has counted.
-  const int64* ends;
+  /// Number of the pass.
+  int pass;
+  int unused;
+  /// [DIGITS]: how often each digit occurs.
+  const uint64* counts;
+  /// The number that the next block of this pass takes; 0 before the kernel.
+  uint64* next;
+  /// [blocks, DIGITS]: sums of blocks; 0 before the first pass.
+  uint64* words;
   /// Key [n] and int32 [n]
   void* sorted_keys;
   int* sorted_payload;

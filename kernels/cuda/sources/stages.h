@@ -35,8 +35,10 @@ enum SplatField {
 /// gradient of x and of y.
 enum SumField { SUM_G, SUM_U, SUM_V, SUM_UU, SUM_UV, SUM_VV, SUM_CHANNELS };
 
-/// Threads of a block of ``emit`` and of ``find_tiles``.
+/// Threads of a block of ``emit``, of ``find_tiles`` and of ``sum_counts``, and the places in the
+/// order that each thread of the last one sums.
 constexpr int BIN_THREADS = 256;
+constexpr int COUNTS_PER_THREAD = 4;
 
 /// Entries of a pose gradient: by rotation, by translation, and by the camera centre.
 constexpr int POSE_FIELDS = 15;
@@ -125,16 +127,34 @@ struct ProjectJob {
   void* radii;
 };
 
+/// sum_counts<Count>: where each splat's pairs end.
+struct CountsJob {
+  /// Splats, all of them, visible ones first, from front to back: int32 [n].
+  const int* order;
+  int64 count;
+  /// Count [n], by row.
+  const void* tile_counts;
+  /// int64 [n], by place in the order.
+  int64* ends;
+  /// The same by row; null where not wanted.
+  int64* row_ends;
+  /// The number of all pairs; 0 before the kernel.
+  int64* pairs;
+  /// The number that the next block takes, and [blocks] for looking back; 0 before the kernel.
+  uint64* next;
+  uint64* words;
+};
+
 /// emit<T, Key>: one pair per splat and tile, splat after splat from front to back.
 struct EmitJob {
   Grid grid;
   int bounded;
   int stride;
   const void* projected;
-  /// Splats, all of them, visible ones first, from front to back: int32 [n].
+  /// As in ``CountsJob``.
   const int* order;
   int64 count;
-  /// int32 [n], by row; int64 [n], by place in the order: the end of each splat's pairs.
+  /// int32 [n], by row.
   const int* tile_counts;
   const int64* ends;
   /// Key [p]: the tile of each pair.
@@ -147,14 +167,23 @@ struct EmitJob {
   int unused;
 };
 
-/// find_tiles<Key>: where the pairs of each tile begin, once they are sorted by tile.
+/// find_tiles<Key>: where the pairs and the checkpoints of each tile begin, once pairs are sorted by
+/// tile.
 struct TilesJob {
   const void* tiles;
   int64 pairs;
   int num_tiles;
-  int unused;
-  /// int64 [num_tiles + 1]
+  /// Pairs of a chunk.
+  int chunk;
+  /// int64 [num_tiles + 1] each. A tile has a checkpoint for each of its chunks but the first.
   int64* starts;
+  int64* chunk_starts;
+  /// int32 [chunks], filled with -1.
+  int* chunk_tiles;
+  int64 chunks;
+  /// The number that the next block takes, and [blocks] for looking back; 0 before the kernel.
+  uint64* next;
+  uint64* words;
 };
 
 /// blend<T, CHANNELS, CHUNK, MEASURE>: one image, and what its backward pass needs.

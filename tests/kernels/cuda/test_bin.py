@@ -28,7 +28,7 @@ from support.ellipses import (
 from support.sampling import sampled
 from torch import Tensor
 
-from gsfw.kernels.cuda.jobs import INT, INT64, POINTER, EmitJob, Grid, TilesJob
+from gsfw.kernels.cuda.jobs import INT, INT64, POINTER, CountsJob, EmitJob, Grid, TilesJob
 from gsfw.kernels.cuda.launcher import Kernel, address
 from gsfw.kernels.cuda.sort import radix_sort
 
@@ -229,13 +229,42 @@ def test_threads_in_any_order_emit_the_same(kind: str) -> None:
         assert torch.equal(found.payload, expected.payload)
 
 
+@dataclass
+class Starts:
+    """What find_tiles wrote."""
+
+    pairs: Tensor
+    chunks: Tensor
+    chunk_tiles: Tensor
+
+
+def tiles_of(launcher: EmulatedLauncher, tiles: Tensor, num_tiles: int, chunk: int = 4) -> Starts:
+    """By find_tiles, which has room for three more chunks than it is told of."""
+    blocks = -(-(num_tiles + 1) // 256)
+    pairs, chunks = torch.full((2, num_tiles + 1), -1)
+    most = len(tiles) // chunk
+    chunk_tiles = torch.full((most + 3,), 7, dtype=torch.int32)
+    words = torch.zeros(1 + blocks, dtype=torch.int64)
+    job = TilesJob(
+        address(tiles),
+        len(tiles),
+        num_tiles,
+        chunk,
+        address(pairs),
+        address(chunks),
+        address(chunk_tiles),
+        most,
+        address(words),
+        words.data_ptr() + 8,
+    )
+    launcher.launch(Kernel("bin.cu", f"find_tiles<{C_KEYS[tiles.dtype]}>"), blocks, 256, job)
+    assert (chunk_tiles[most:] == 7).all()
+    return Starts(pairs, chunks, chunk_tiles[:most])
+
+
 def starts_of(launcher: EmulatedLauncher, tiles: Tensor, num_tiles: int) -> Tensor:
-    """int64 [num_tiles + 1], by find_tiles."""
-    starts = torch.full((num_tiles + 1,), -1)
-    job = TilesJob(address(tiles), len(tiles), num_tiles, 0, address(starts))
-    kernel = Kernel("bin.cu", f"find_tiles<{C_KEYS[tiles.dtype]}>")
-    launcher.launch(kernel, -(-(num_tiles + 1) // 256), 256, job)
-    return starts
+    """int64 [num_tiles + 1]: the first pair of each tile."""
+    return tiles_of(launcher, tiles, num_tiles).pairs
 
 
 @settings(max_examples=30, deadline=None)
@@ -250,6 +279,50 @@ def test_tiles_count_as_unsigned(launcher: EmulatedLauncher) -> None:
     tiles = torch.tensor([0, 40000, 65534], dtype=torch.int64).to(torch.int16)
     starts = starts_of(launcher, tiles, 65536)
     assert starts[[0, 1, 40000, 40001, 65534, 65535, 65536]].tolist() == [0, 1, 1, 2, 2, 3, 3]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("num_tiles", [1, 255, 256, 257, 3000])
+def test_every_tile_has_a_checkpoint_for_each_chunk_but_the_first(
+    num_tiles: int, seed: int
+) -> None:
+    generator = torch.Generator().manual_seed(num_tiles)
+    numbers = torch.randint(0, num_tiles, (5000,), generator=generator).sort().values
+    launcher = EmulatedLauncher(seed=seed, os_threads=2)
+    found = tiles_of(launcher, numbers.to(torch.int16), num_tiles, chunk=3)
+    lengths = numbers.bincount(minlength=num_tiles)
+    further = (-(-lengths // 3) - 1).clamp(min=0)
+    assert torch.equal(found.pairs[1:], lengths.cumsum(0))
+    assert torch.equal(found.chunks[1:], further.cumsum(0))
+    assert found.pairs[0] == found.chunks[0] == 0
+    assert (found.chunk_tiles == -1).all()
+
+
+def ends_of(launcher: EmulatedLauncher, order: Tensor, counts: Tensor) -> tuple[Tensor, ...]:
+    """Ends by place, ends by row, and the number of pairs, by sum_counts."""
+    n, blocks = len(order), -(-len(order) // 1024)
+    ends, row_ends = torch.full((2, n), -1)
+    words = torch.zeros(2 + blocks, dtype=torch.int64)
+    place = words.data_ptr()
+    job = CountsJob(
+        *(address(order), n, address(counts), address(ends), address(row_ends)),
+        *(place, place + 8, place + 16),
+    )
+    launcher.launch(Kernel("bin.cu", "sum_counts<int>"), blocks, 256, job)
+    return ends, row_ends, words[0]
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 1023, 1024, 1025, 70001])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_pairs_of_splats_end_where_their_counts_add_up_to(count: int, seed: int) -> None:
+    generator = torch.Generator().manual_seed(count)
+    order = torch.randperm(count, generator=generator, dtype=torch.int32)
+    counts = torch.randint(0, 50000, (count,), generator=generator, dtype=torch.int32)
+    expected = counts[order].cumsum(0)
+    found, by_row, pairs = ends_of(EmulatedLauncher(seed=seed, os_threads=2), order, counts)
+    assert torch.equal(found, expected)
+    assert torch.equal(by_row[order], expected)
+    assert pairs == counts.sum()
 
 
 def test_sorted_pairs_of_a_tile_are_its_splats_from_front_to_back(
@@ -272,7 +345,7 @@ import torch
 from emulation.launcher import EmulatedLauncher
 from emulation.sanitizers import run_sanitized
 sys.path.insert(0, {here!r})
-from test_bin import bin_pairs, random_scene, starts_of
+from test_bin import bin_pairs, ends_of, random_scene, starts_of
 from gsfw.kernels.cuda.sort import radix_sort
 
 launcher = EmulatedLauncher(sanitize=sys.argv[1], folders=[Path({here!r})])
@@ -282,6 +355,7 @@ for kind in ("round", "huge", "needle", "outside"):
         pairs = bin_pairs(launcher, scene, numbered=True)
         tiles, payload = radix_sort(launcher, pairs.tiles, pairs.payload, 13)
         starts_of(launcher, tiles, scene.tiles)
+        ends_of(launcher, scene.order, pairs.counts)
         radix_sort(launcher, pairs.rows, None, 32)
 """
 
