@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import torch
 from torch import Tensor
@@ -12,8 +11,8 @@ from torch.autograd.graph import increment_version
 
 from gsfw.core.operators import GRADIENT_LIMIT, AdamSettings, AdamUpdate
 from gsfw.kernels.cuda import step_jobs
-from gsfw.kernels.cuda.instances import NAMES
-from gsfw.kernels.cuda.launcher import Kernel, Launcher, address
+from gsfw.kernels.cuda.instances import kernel_of
+from gsfw.kernels.cuda.launcher import Launcher, address
 
 WIDTH_LIMIT = 2**31
 """Numbers that a row must be shorter than."""
@@ -106,16 +105,10 @@ def step_tables(
         table.first_block = blocks
         job.tables[index] = table
         blocks += -(-table.count * table.width // BLOCK_NUMBERS)
-    begin, step = _kernels(values.dtype)
+    begin, step = (kernel_of("adam.cu", name, values.dtype) for name in ("begin_adam", "adam"))
     launcher.launch(begin, 1, step_jobs.WARP, job)
     launcher.launch(step, blocks, step_jobs.ADAM_THREADS, job)
     for update in updates:
         moments = update.moments
         for changed in (update.values, moments.first, moments.second, moments.count):
             increment_version(changed)
-
-
-@cache
-def _kernels(dtype: torch.dtype) -> tuple[Kernel, Kernel]:
-    name = NAMES[dtype]
-    return Kernel("adam.cu", f"begin_adam<{name}>"), Kernel("adam.cu", f"adam<{name}>")

@@ -87,22 +87,28 @@ class CudaLauncher(Launcher):
                 "Render fewer splats, or a smaller image.",
             )
         try:
-            with self.device.selected():
-                if not self._thread.entered:
-                    self.driver.enter(self.device.index)
-                    self._thread.entered = True
-                loaded = self._loaded.get(kernel) or self._load(kernel, type(job))
-                if type(job) is not loaded.job:
-                    raise TypeError(
-                        f"{kernel.expression} takes a {loaded.job.__name__}, "
-                        f"found a {type(job).__name__}"
-                    )
-                self.driver.launch(loaded.function, blocks, threads, self.device.stream(), job)
+            if self.device.is_current():
+                self._start(kernel, blocks, threads, job)
+            else:
+                with self.device.selected():
+                    self._start(kernel, blocks, threads, job)
         except CudaError as error:
             raise CudaError(
                 f"kernel {kernel.expression} on cuda:{self.device.index}: {error.message}",
                 error.advice,
             ) from None
+
+    def _start(self, kernel: Kernel, blocks: int, threads: int, job: ctypes.Structure) -> None:
+        """Start a kernel on the current device."""
+        if not self._thread.entered:
+            self.driver.enter(self.device.index)
+            self._thread.entered = True
+        loaded = self._loaded.get(kernel) or self._load(kernel, type(job))
+        if type(job) is not loaded.job:
+            raise TypeError(
+                f"{kernel.expression} takes a {loaded.job.__name__}, found a {type(job).__name__}"
+            )
+        self.driver.launch(loaded.function, blocks, threads, self.device.stream(), job)
 
     def _load(self, kernel: Kernel, job: type[ctypes.Structure]) -> _Loaded:
         if self.device.capturing():

@@ -28,7 +28,6 @@ LATE = (
 )
 
 _POINTER = ctypes.c_void_p
-_OnePointer = _POINTER * 1
 
 
 class Driver:
@@ -47,8 +46,8 @@ class Driver:
                 f"there is no NVIDIA driver on this machine ({library} does not load).",
                 "Install one: https://www.nvidia.com/drivers; or use rasterizer=cpu.",
             ) from None
+        # Without argtypes, whose conversions would take longer than all else of a launch.
         self._launch = self._library.cuLaunchKernel
-        self._launch.argtypes = [_POINTER, *[ctypes.c_uint] * 7, *[_POINTER] * 3]
         status = self._library.cuInit(0)
         if status == NO_DEVICE:
             raise CudaError(
@@ -118,8 +117,9 @@ class Driver:
         Raises:
             CudaError: it cannot be started, or a kernel before it has failed.
         """
-        jobs = _OnePointer(ctypes.addressof(job))
-        status = self._launch(function, blocks, 1, 1, threads, 1, 1, 0, stream, jobs, None)
+        jobs = ctypes.byref(_POINTER(ctypes.addressof(job)))
+        handle, queue = _POINTER(function), _POINTER(stream)
+        status = self._launch(handle, blocks, 1, 1, threads, 1, 1, 0, queue, jobs, None)
         if status:
             self._fail(status, f"starting {blocks} blocks of {threads} threads", LATE)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import torch
 
@@ -20,7 +21,7 @@ KEYS = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
 
 @dataclass(frozen=True)
 class Instances:
-    """The kernels of one image."""
+    """The kernels of one image, each made when it is first asked for; see ``instances``."""
 
     dtype: torch.dtype
     covariances: bool
@@ -32,7 +33,7 @@ class Instances:
     ragged: bool = False
     """True if each splat has spherical harmonics of its own degree."""
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Channels that blending is compiled for."""
         return next(width for width in WIDTHS if width >= self.channels)
@@ -44,39 +45,49 @@ class Instances:
             return 64 if self.width <= 8 else 32
         return 128 if self.width <= 8 else 64 if self.width <= 24 else 32
 
-    @property
+    @cached_property
     def project(self) -> Kernel:
         """From splats to projected splats."""
         return Kernel("project.cu", f"project<{self._projected()}>")
 
     def project_backward(self, pose: bool) -> Kernel:
         """From sums to gradients of the splats and, if wanted, of the pose."""
-        return Kernel(
-            "project_backward.cu", f"project_backward<{self._projected()}, {_bool(pose)}>"
-        )
+        return self._project_backward[pose]
 
-    @property
+    @cached_property
+    def _project_backward(self) -> tuple[Kernel, Kernel]:
+        return _both("project_backward", self._projected())
+
+    @cached_property
     def sum_counts(self) -> Kernel:
         """The kernel that sums tile counts from front to back."""
         return Kernel("bin.cu", "sum_counts<int>")
 
-    @property
+    @cached_property
     def emit(self) -> Kernel:
         """From projected splats to pairs of a splat and a tile."""
         return Kernel("bin.cu", f"emit<{NAMES[self.dtype]}, {KEYS[self.tile_key]}>")
 
-    @property
+    @cached_property
     def find_tiles(self) -> Kernel:
         """The kernel that finds the first sorted pair of each tile."""
         return Kernel("bin.cu", f"find_tiles<{KEYS[self.tile_key]}>")
 
     def blend(self, measure: bool) -> Kernel:
         """From pairs to an image, with or without each splat's contribution."""
-        return Kernel("blend.cu", f"blend<{self._blended()}, {_bool(measure)}>")
+        return self._blend[measure]
+
+    @cached_property
+    def _blend(self) -> tuple[Kernel, Kernel]:
+        return _both("blend", self._blended())
 
     def blend_backward(self, absolute: bool) -> Kernel:
         """From an image's gradient to sums, with or without magnitudes."""
-        return Kernel("blend_backward.cu", f"blend_backward<{self._blended()}, {_bool(absolute)}>")
+        return self._blend_backward[absolute]
+
+    @cached_property
+    def _blend_backward(self) -> tuple[Kernel, Kernel]:
+        return _both("blend_backward", self._blended())
 
     def _projected(self) -> str:
         name = NAMES[self.dtype]
@@ -87,5 +98,32 @@ class Instances:
         return f"{NAMES[self.dtype]}, {self.width}, {self.chunk}"
 
 
+def _both(name: str, arguments: str) -> tuple[Kernel, Kernel]:
+    """The instances of a template without and with what its last argument asks for."""
+    off, on = (
+        Kernel(f"{name}.cu", f"{name}<{arguments}, {_bool(last)}>") for last in (False, True)
+    )
+    return off, on
+
+
 def _bool(value: bool) -> str:
     return "true" if value else "false"
+
+
+@cache
+def instances(
+    dtype: torch.dtype,
+    covariances: bool,
+    sh_degree: int,
+    channels: int,
+    tile_key: torch.dtype,
+    ragged: bool = False,
+) -> Instances:
+    """The kernels of images of one kind, always the same object."""
+    return Instances(dtype, covariances, sh_degree, channels, tile_key, ragged)
+
+
+@cache
+def kernel_of(source: str, name: str, dtype: torch.dtype) -> Kernel:
+    """The instance of a template that has the number type alone to choose."""
+    return Kernel(source, f"{name}<{NAMES[dtype]}>")

@@ -15,11 +15,9 @@ from gsfw.kernels.cuda import step_jobs
 from gsfw.kernels.cuda.adam import ALIGNMENT, adam_table, step_tables
 from gsfw.kernels.cuda.availability import unavailable
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
-from gsfw.kernels.cuda.launcher import Kernel, Launcher, address
+from gsfw.kernels.cuda.instances import NAMES, kernel_of
+from gsfw.kernels.cuda.launcher import Launcher, address
 from gsfw.kernels.cuda.step_jobs import AdamTable
-
-NUMBERS = {torch.float32: "float", torch.float64: "double"}
-"""C++ names of the number types of kernels."""
 
 
 class CudaOperators(Operators):
@@ -83,7 +81,7 @@ class CudaOperators(Operators):
         if not served:
             return super().all_finite(tensors)
         finite = torch.ones((), dtype=torch.bool, device=tensors[0].device)
-        for dtype in NUMBERS:
+        for dtype in NAMES:
             kept = [tensor for tensor in served if tensor.dtype == dtype and tensor.numel()]
             for start in range(0, len(kept), step_jobs.FINITE_TENSORS):
                 self._check_finite(kept[start : start + step_jobs.FINITE_TENSORS], finite)
@@ -102,14 +100,14 @@ class CudaOperators(Operators):
             blocks += _blocks(tensor.numel(), step_jobs.FINITE_NUMBERS)
         for index in range(len(tensors), step_jobs.FINITE_TENSORS):
             job.first_blocks[index] = blocks
-        kernel = Kernel("finite.cu", f"check_finite<{NUMBERS[tensors[0].dtype]}>")
+        kernel = kernel_of("finite.cu", "check_finite", tensors[0].dtype)
         launcher.launch(kernel, blocks, step_jobs.FINITE_THREADS, job)
 
     def _launcher(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels on these tensors; ``None`` if there is none."""
         kinds = {(tensor.dtype, tensor.device, tensor.layout) for tensor in tensors}
         ((dtype, device, layout), *more) = kinds
-        if more or dtype not in NUMBERS or layout != torch.strided:
+        if more or dtype not in NAMES or layout != torch.strided:
             return None
         if self._given is not None:
             return self._given
@@ -128,7 +126,7 @@ class _L1Dssim(torch.autograd.Function):
         launcher: Launcher,
     ) -> tuple[Tensor, Tensor]:
         c, h, w, d = rendered.shape
-        blocks, kind = _tiles(rendered), NUMBERS[rendered.dtype]
+        blocks = _tiles(rendered)
         flows = None
         if ctx.needs_input_grad[0]:
             flows = rendered.new_empty(c, d, step_jobs.SSIM_FLOWS, h, w)
@@ -136,7 +134,9 @@ class _L1Dssim(torch.autograd.Function):
         job = step_jobs.SsimJob(
             images=_comparison(rendered, target, valid), flows=address(flows), sums=address(sums)
         )
-        launcher.launch(Kernel("ssim.cu", f"ssim<{kind}>"), blocks, step_jobs.SSIM_THREADS, job)
+        launcher.launch(
+            kernel_of("ssim.cu", "ssim", rendered.dtype), blocks, step_jobs.SSIM_THREADS, job
+        )
         l1, dissimilarity, share = (rendered.new_empty(()) for _ in range(3))
         losses = step_jobs.LossesJob(
             sums=address(sums),
@@ -146,8 +146,9 @@ class _L1Dssim(torch.autograd.Function):
             dissimilarity=address(dissimilarity),
             share=address(share),
         )
-        add = Kernel("ssim.cu", f"add_losses<{kind}>")
-        launcher.launch(add, 1, step_jobs.SSIM_THREADS, losses)
+        launcher.launch(
+            kernel_of("ssim.cu", "add_losses", rendered.dtype), 1, step_jobs.SSIM_THREADS, losses
+        )
         ctx.save_for_backward(rendered, target, valid, flows, share)
         ctx.launcher = launcher
         return l1, dissimilarity
@@ -174,7 +175,7 @@ class _L1Dssim(torch.autograd.Function):
             dissimilarity_gradient=address(dissimilarity),
             gradient=address(gradient),
         )
-        kernel = Kernel("ssim.cu", f"ssim_backward<{NUMBERS[rendered.dtype]}>")
+        kernel = kernel_of("ssim.cu", "ssim_backward", rendered.dtype)
         ctx.launcher.launch(kernel, _tiles(rendered), step_jobs.SSIM_THREADS, job)
         return gradient, None, None, None
 

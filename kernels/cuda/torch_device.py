@@ -22,6 +22,12 @@ class TorchDevice:
         # public way, which makes an object per call.
         private = getattr(torch._C, "_cuda_getCurrentRawStream", None)
         self._stream: Callable[[int], int] = private or _current_stream
+        private = getattr(torch._C, "_cuda_getDevice", None)
+        self._current: Callable[[], int] = private or torch.cuda.current_device
+
+    def is_current(self) -> bool:
+        """True if it is torch's current device in this thread; much cheaper than ``selected``."""
+        return self._current() == self.index
 
     def selected(self) -> AbstractContextManager[object]:
         """Makes the device torch's current one for a while."""

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gsfw.kernels.cuda import jobs
 from gsfw.kernels.cuda.arrays import Arrays
-from gsfw.kernels.cuda.instances import Instances
+from gsfw.kernels.cuda.instances import Instances, instances
 from gsfw.kernels.cuda.launcher import Entry, Launcher, address
 from gsfw.kernels.cuda.source_files import constant, enumerators
 from gsfw.kernels.render_arguments import (
@@ -89,7 +89,7 @@ class Launching:
 def instances_of(inputs: KernelInputs, settings: KernelSettings) -> Instances:
     """The kernel instances that render these inputs."""
     grid = _grid(settings)
-    return Instances(
+    return instances(
         dtype=inputs.splats.means.dtype,
         covariances=inputs.splats.covariances is not None,
         sh_degree=settings.sh_degree,

@@ -79,9 +79,15 @@ class FakeDevice(TorchDevice):
         self.index = index
         self.streams = [stream]
         self.is_capturing = False
+        self.current = True
+        self.selections = 0
         self._architecture = architecture
 
+    def is_current(self) -> bool:
+        return self.current
+
     def selected(self) -> AbstractContextManager[object]:
+        self.selections += 1
         return nullcontext()
 
     def stream(self) -> int:

@@ -5,6 +5,7 @@ import torch
 
 from gsfw.core.cameras import CameraModel
 from gsfw.kernels.cuda.instances import WIDTHS, Instances
+from gsfw.kernels.cuda.instances import instances as instances_of
 from gsfw.kernels.cuda.source_files import constant, enumerators
 from gsfw.kernels.render_arguments import CAMERA_MODELS
 
@@ -46,6 +47,14 @@ def test_kernels_are_named_as_c_spells_them():
     assert chosen.find_tiles.expression == "find_tiles<uint32>"
     assert chosen.blend(measure=False).expression == "blend<double, 4, 64, false>"
     assert chosen.blend_backward(absolute=True).expression == "blend_backward<double, 4, 64, true>"
+
+
+def test_images_of_one_kind_share_their_kernels():
+    first, second = (
+        instances_of(torch.float32, False, 3, 3, torch.int16, ragged=False) for _ in range(2)
+    )
+    assert first.blend(measure=True) is second.blend(measure=True)
+    assert first.find_tiles is second.find_tiles
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,16 @@ def test_each_launch_asks_for_the_stream_of_the_moment(stub, cache):
     assert [call.split()[-1] for call in stub.calls() if "Launch" in call] == ["77)", "78)"]
 
 
+def test_the_device_is_selected_only_where_another_one_is_current(stub, cache):
+    device = FakeDevice()
+    launcher = launcher_on(stub, FakeNvrtc(), cache, device)
+    launcher.launch(BLEND, 1, 256, BlendJob())
+    assert device.selections == 0
+    device.current = False
+    launcher.launch(BLEND, 1, 256, BlendJob())
+    assert device.selections == 1
+
+
 def test_nothing_is_started_for_no_blocks(stub, cache):
     nvrtc = FakeNvrtc()
     launcher_on(stub, nvrtc, cache).launch(BLEND, 0, 256, BlendJob())
