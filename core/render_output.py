@@ -68,19 +68,15 @@ class RenderStatistics:
 
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
         """The same statistics, or zeros if ``finite`` is false; no synchronisation."""
-        if finite.is_cpu and bool(finite):  # The host knows it without waiting.
+        if known_by_host(finite):
             return self
+        skipped = ~finite
+        return self.map(lambda values: values.masked_fill(skipped, 0))
 
-        def gate(values: Tensor | None) -> Tensor | None:
-            return None if values is None else torch.where(finite, values, 0.0)
 
-        return RenderStatistics(
-            visible=self.visible & finite,
-            radii=torch.where(finite, self.radii, 0.0),
-            screen_gradient=gate(self.screen_gradient),
-            absgrad=gate(self.absgrad),
-            contribution=gate(self.contribution),
-        )
+def known_by_host(flag: Bool[Tensor, ""]) -> bool:
+    """True if a flag is true and the host knows it without waiting."""
+    return flag.is_cpu and bool(flag)
 
 
 @dataclass(frozen=True)

@@ -104,12 +104,13 @@ class Loader:
     def _batch(self, split: Split, group: tuple[int, ...]) -> Batch:
         cameras = [self._cameras[split][index] for index in group]
         images = [self._image(self.number(split, index)) for index in group]
-        pixels = _pixels(images).float() / 255
+        pixels = _pixels(images) / 255
+        opaque = pixels.shape[3] == 3
         return Batch(
-            images=pixels[..., :3],
+            images=pixels if opaque else pixels[..., :3],
             cameras=cameras[0] if len(cameras) == 1 else Cameras.cat(cameras),
             views=group,
-            alpha=pixels[..., 3:] if pixels.shape[3] == 4 else None,
+            alpha=None if opaque else pixels[..., 3:],
             mask=_mask(images),
             maps=_maps(images),
         )

@@ -6,7 +6,8 @@ absent or not wanted. One image has ``h`` x ``w`` pixels and ``d`` channels: col
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -86,6 +87,11 @@ class SplatArrays:
     offsets: Int[Tensor, " n_plus_1"] | None
     """Rows of ``rest`` of each splat, rising from 0 to m."""
 
+    def detached(self) -> SplatArrays:
+        """The same arrays without a graph."""
+        held: dict[str, Any] = {item.name: getattr(self, item.name) for item in fields(self)}
+        return replace(self, **{k: t.detach() for k, t in held.items() if t is not None})
+
 
 @dataclass(frozen=True)
 class KernelInputs:
@@ -97,6 +103,13 @@ class KernelInputs:
     background: Float[Tensor, " d"]
     pixel_weights: Float[Tensor, "h w"] | None
     """Weight of each pixel in ``KernelOutputs.contribution``; ``None`` for ones."""
+
+    def detached(self) -> KernelInputs:
+        """The same inputs without a graph, for kernels that take tensors and not addresses."""
+        pose = self.world_to_camera.detach()
+        intrinsics = self.intrinsics.detach()
+        splats = self.splats.detached()
+        return replace(self, splats=splats, world_to_camera=pose, intrinsics=intrinsics)
 
 
 @dataclass(frozen=True)

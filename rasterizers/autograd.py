@@ -103,8 +103,8 @@ class _Render(torch.autograd.Function):
         cameras, like = call.cameras, call.background
         shape = (len(cameras), cameras.height, cameras.width)
         image, alpha = like.new_empty(*shape, len(like)), like.new_empty(shape)
-        rows: list[Any] = [None if held is None else held.detach() for held in tensors[:-1]]
-        splats = SplatArrays(*[*rows, offsets])
+        arrays: list[Any] = [*tensors[:-1], offsets]
+        splats = SplatArrays(*arrays)
         passes = [
             _render_one(backend, call, splats, image, alpha, index) for index in range(len(cameras))
         ]
@@ -125,7 +125,7 @@ class _Render(torch.autograd.Function):
             torch.empty_like(tensor) if wanted else None
             for tensor, wanted in zip(inputs, rows_wanted, strict=True)
         ]
-        poses = image.new_zeros(len(call.cameras), POSE_FIELDS)
+        poses = image.new_zeros(len(call.cameras), POSE_FIELDS) if pose_wanted else None
         for index, one in enumerate(ctx.passes):
             one.backward(
                 KernelGradients(
@@ -134,13 +134,13 @@ class _Render(torch.autograd.Function):
                     alpha=None if alpha is None else alpha[index].contiguous(),
                     splats=SplatGradients(*gradients),
                     accumulate=index > 0,
-                    pose=poses[index] if pose_wanted else None,
+                    pose=row_of(poses, index),
                     screen_gradient=row_of(call.statistics.screen_gradient, index),
                     absgrad=row_of(call.statistics.absgrad, index),
                 )
             )
         ctx.log.record(ctx.passes)
-        pose = _pose_gradient(poses, call.cameras.world_to_camera) if pose_wanted else None
+        pose = None if poses is None else _pose_gradient(poses, call.cameras.world_to_camera)
         return None, None, None, None, *gradients, pose
 
 

@@ -78,8 +78,8 @@ class RenderCall:
         """The inputs of the image of camera ``index``."""
         return KernelInputs(
             splats=splats,
-            world_to_camera=self.cameras.world_to_camera[index].detach().contiguous(),
-            intrinsics=self.cameras.intrinsics[index].detach().contiguous(),
+            world_to_camera=self.cameras.world_to_camera[index].contiguous(),
+            intrinsics=self.cameras.intrinsics[index].contiguous(),
             background=self.background,
             pixel_weights=row_of(self.pixel_weights, index),
         )
@@ -121,18 +121,27 @@ def render_call(
     """
     if splats.means.dtype not in DTYPES:
         raise ValueError(f"splats.means: expected float32 or float64, found {splats.means.dtype}")
-    background = splats.means.new_zeros(rendered_channels(splats, settings))
-    if settings.background is not None and not settings.background.requires_grad:
-        background[: splats.channels] = settings.background
     weights = settings.contribution_weights
     return RenderCall(
         cameras=cameras,
-        background=background,
+        background=_background(splats, settings),
         settings=_kernel_settings(splats, cameras, settings, limit, differentiated),
         statistics=statistics,
         pixel_weights=None if weights is None else weights.detach()[..., 0].contiguous(),
         limit=limit,
     )
+
+
+def _background(splats: Splats, settings: RenderSettings) -> Float[Tensor, " d"]:
+    """The background of every rendered channel."""
+    channels, given = rendered_channels(splats, settings), settings.background
+    constant = given is not None and not given.requires_grad
+    if given is not None and constant and len(given) == channels:
+        return given.to(splats.means).contiguous()
+    background = splats.means.new_zeros(channels)
+    if given is not None and constant:
+        background[: splats.channels] = given
+    return background
 
 
 def active_degree(colors: Sh | Tensor) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import torch
@@ -39,7 +40,7 @@ class RenderedBatch:
     @property
     def data_loss(self) -> Tensor:
         """Sum of the terms that compare with the images."""
-        return torch.stack([self.losses[name] for name in self.data_losses]).sum()
+        return reduce(torch.add, [self.losses[name] for name in self.data_losses])
 
 
 class Forward:
@@ -150,7 +151,9 @@ class Forward:
         for terms in by_rows:
             for name, value in terms.items():
                 losses[name] = losses[name] + value if name in losses else value
-        total = torch.stack(list(losses.values())).sum() * context.share
+        total = reduce(torch.add, losses.values())
+        if context.share != 1.0:
+            total = total * context.share
         if not total.requires_grad:
             raise ConfigError(
                 f"{method}: losses returned {', '.join(data_losses)} without gradients.",

@@ -93,8 +93,9 @@ class Update:
         losses = parts.team.finish(rendered, parts.optimizer)
         finite = parts.operators.all_finite([*losses, *parts.optimizer.gradients()])
         finite = parts.team.agreed(finite)
-        self._skipped += ~finite
-        self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
+        skipped = ~finite
+        self._skipped += skipped
+        self._skipped_in_a_row.add_(1).mul_(skipped)
         return finite
 
     def _visible(self, rendered: Sequence[RenderedBatch]) -> Tensor:

@@ -38,9 +38,9 @@ class RowStatistics:
             gradient: gradient of the step's loss, per view and splat.
         """
         views_in_step = len(context.batch.views) / context.share
-        self.add_views(
-            gradient * views_in_step, statistics.radii, statistics.visible, context.splats.rows
-        )
+        if views_in_step != 1.0:
+            gradient = gradient * views_in_step
+        self.add_views(gradient, statistics.radii, statistics.visible, context.splats.rows)
 
     def add_views(
         self,
@@ -57,9 +57,9 @@ class RowStatistics:
             visible: visible splats of each view.
             rows: the row of each splat; ``None`` when splat i is row i.
         """
-        seen = visible.to(self._views.dtype)
-        total, views = (gradient * seen).sum(0).to(self._gradient), seen.sum(0)
-        largest = torch.where(visible, radii, 0.0).amax(0).to(self._radius)
+        total = (gradient * visible).sum(0).to(self._gradient)
+        views = visible.sum(0, dtype=self._views.dtype)
+        largest = (radii * visible).amax(0).to(self._radius)
         if rows is None:  # Several times faster than by index.
             self._gradient += total
             self._views += views

@@ -83,7 +83,7 @@ class CpuBackend(KernelBackend):
         single = outputs.image.dtype == torch.float32
         kind = module.RenderPassFloat32 if single else module.RenderPassFloat64
         try:
-            return CpuForwardPass(kind(inputs, settings, outputs, num_threads()))
+            return CpuForwardPass(kind(inputs.detached(), settings, outputs, num_threads()))
         except module.TooManyPairs as refused:
             raise TooManyPairs(refused.args[0]) from None
 
