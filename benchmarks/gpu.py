@@ -91,10 +91,12 @@ def main() -> int:
         report.add("gsplat", "skipped", f"{told}, so nothing is compared with it")
     session.leave_out()
     session.tests()
+    session.sanitizers()
     session.wait_for(gsplats)
     usable = [gsplat for gsplat in gsplats if not gsplat.problem]
     first = usable[0] if usable else None
     session.drawings(first)
+    session.profiles()
     session.trainings(first, options.steps)
     for other in usable[1:]:
         session.drawings(other, again=True)
@@ -108,9 +110,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="gpu.sh", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "--parts",
-        default="tests,drawings,trainings",
+        default="tests,sanitizers,drawings,profiles,trainings",
         type=lambda text: tuple(text.split(",")),
-        help="of tests, drawings, trainings, or single ones such as 5M (default: %(default)s)",
+        help="of tests, sanitizers, drawings, profiles, trainings, or single ones such as 5M "
+        "(default: %(default)s)",
     )
     parser.add_argument("--budget", type=float, default=470.0, help="seconds for everything")
     parser.add_argument("--steps", type=int, default=30_000, help="of a training, if they fit")
