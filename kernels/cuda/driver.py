@@ -57,7 +57,7 @@ _OnePointer = _POINTER * 1
 
 
 class _Process:
-    """What this process, and the one that it was forked from, have done with the driver.
+    """The use of the driver by this process, and by the one that it was forked from.
 
     A fork inherits the driver's memory but not its threads and contexts: every call fails or hangs.
     """

@@ -48,7 +48,7 @@ class SelfTest:
     seconds: float
     """Time that it took, the compilation of kernels at first use included."""
     fault: str = ""
-    """What differs and by how much, as a clause; empty if all is right."""
+    """The clause that says what differs and by how much; empty if all is right."""
 
     def __str__(self) -> str:
         if self.fault:
