@@ -89,7 +89,8 @@ class Driver:
     """The driver in one library file.
 
     Raises:
-        CudaError: there is no driver, or it finds no GPU.
+        CudaError: there is no driver, or it finds no GPU; or this process is a fork of one that
+            uses it.
     """
 
     def __init__(self, library: str | None = None) -> None:
@@ -105,9 +106,8 @@ class Driver:
         self._launch = self._library.cuLaunchKernel
         self._launch.argtypes = [_POINTER, *[ctypes.c_uint] * 7, *[_POINTER] * 3]
         status = self._library.cuInit(0)
-        _Process.started = True
         if status == NOT_INITIALIZED:  # Somebody else, such as torch, had started it before.
-            _Process.forked()
+            _Process.is_fork = True
             _refuse_forks()
         if status == NO_DEVICE:
             raise CudaError(
@@ -115,6 +115,7 @@ class Driver:
                 "Is CUDA_VISIBLE_DEVICES set? Does nvidia-smi list one? Else use rasterizer=cpu.",
             )
         self._check(status, "starting the driver")
+        _Process.started = True
         version = ctypes.c_int()
         self._check(self._library.cuDriverGetVersion(ctypes.byref(version)), "asking its version")
         self.version = (version.value // 1000, version.value % 1000 // 10)

@@ -247,6 +247,16 @@ if child == 0:
 os.waitpid(child, 0)
 """
     assert said_by(program, stub.path) == ["entered"]
+    without_a_driver = """
+import sys
+from gsfw.kernels.cuda.driver import Driver
+from gsfw.kernels.cuda.errors import CudaError
+try:
+    Driver("libno-such-driver.so.1")
+except CudaError:
+    pass
+"""
+    assert said_by(without_a_driver + program, stub.path) == ["entered"]
 
 
 def test_a_spawned_process_starts_a_driver_of_its_own(stub, tmp_path):

@@ -49,6 +49,12 @@ def test_the_emulation_passes_and_leaves_the_random_numbers_of_others_alone():
     assert torch.equal(torch.get_rng_state(), before)
 
 
+def test_torchs_default_device_makes_no_difference():
+    compiler()
+    with torch.device("meta"):
+        assert self_test(EmulatedLauncher(), CPU, SIZES).fault == ""
+
+
 def test_a_sort_that_is_wrong_at_one_size_is_found():
     def lost(kernel: Kernel, blocks: int, job: ctypes.Structure) -> bool:
         """No sort of several blocks comes to its end."""
