@@ -22,8 +22,8 @@ UNITS = {"ns": 1e-3, "us": 1.0, "usecond": 1.0, "ms": 1e3, "msecond": 1e3, "nsec
 UNITS |= {"byte": 1.0, "Kbyte": 1e3, "Mbyte": 1e6, "Gbyte": 1e9}
 """Factors to microseconds and to bytes."""
 
-KERNELS = "project|scatter|count_|scan|emit|tiles|blend|ssim|losses|adam|finite|sort|bin"
-"""Beginnings and parts of the names of our kernels, those of torch's sorts among them."""
+LAUNCHES = 150
+"""More than an image with its gradient and a step take. Each is repeated once per few counters."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class KernelProfile:
 def profiler(program: str) -> list[str]:
     """The command before the one that is profiled. Clocks are left as they are."""
     command = [program, "--clock-control", "none", "--csv", "--page", "raw"]
-    command += ["--kernel-name", f"regex:{KERNELS}", "--metrics", ",".join(METRICS)]
-    return command
+    command += ["--kernel-name-base", "mangled", "--kernel-name", "regex:gsfw"]
+    command += ["--launch-count", str(LAUNCHES), "--kill", "yes"]
+    return [*command, "--metrics", ",".join(METRICS)]
 
 
 def read_profile(output: str) -> list[KernelProfile]:

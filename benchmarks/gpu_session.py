@@ -24,7 +24,8 @@ from gpu_report import Report
 ROOT = Path(__file__).resolve().parents[1]
 
 TEST_SECONDS = 150.0
-SANITIZER_SECONDS = 60.0
+SANITIZER_SECONDS = 120.0
+"""initcheck watches the kernels of torch too."""
 PROFILE_SECONDS = 60.0
 SAFETY = 1.4
 """A training may take so much longer than a short one promises: it has more Gaussians."""
@@ -121,7 +122,7 @@ class Session:
                 continue
             command = [program, "--tool", tool, "--error-exitcode", "9"]
             # Those of torch would take most of the time.
-            command += ["--kernel-regex", "kns=gsfw", *self._bench(self._plan.ours[:1])]
+            command += ["--kernel-name", "kns=gsfw", *self._bench(self._plan.ours[:1])]
             limit = min(SANITIZER_SECONDS, self.left())
             ended = self._run(tool, [*command, *SMALL_IMAGE], limit)
             summary = re.findall(r"ERROR SUMMARY: .*|RACECHECK SUMMARY: .*", ended.output)
@@ -271,9 +272,9 @@ class Session:
 
 
 def _workers(device: str) -> list[str]:
-    """Options by which pytest takes half of the cores for a GPU, and one without pytest-xdist."""
+    """Options by which pytest takes all cores but two, and one where pytest-xdist is missing."""
     if importlib.util.find_spec("xdist"):
-        workers = max(1, (os.cpu_count() or 1) // 2)
+        workers = max(1, (os.cpu_count() or 1) - 2)
         # Few files have most of the tests, so that workers take them one by one.
         return ["-n", str(workers), "--dist", "worksteal"] if device == "cuda" else ["-n", "0"]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
