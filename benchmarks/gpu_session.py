@@ -23,6 +23,7 @@ from gpu_report import Report
 
 ROOT = Path(__file__).resolve().parents[1]
 
+WORKS_SECONDS = 60.0
 TEST_SECONDS = 150.0
 SANITIZER_SECONDS = 120.0
 """initcheck watches the kernels of torch too."""
@@ -89,6 +90,16 @@ class Session:
         return any(self._wanted("drawings", name) for name in compared) or any(
             self._wanted("trainings", f"training {scene}") for scene in self._plan.trainings
         )
+
+    def works(self, command: list[str]) -> bool:
+        """Whether the self-test passes, without which nothing else is worth its time."""
+        if not self._wanted("works", "works"):
+            return True
+        found = self.json("works", command, WORKS_SECONDS)
+        if found:
+            status = "failed" if found["fault"] else "ok"
+            self._report.add("works", status, found["told"], found["seconds"])
+        return bool(found) and not found["fault"]
 
     def tests(self) -> None:
         """The suites that hold for any rasterizer, on this device."""

@@ -256,6 +256,17 @@ def test_counters_of_kernels_are_read_from_the_table_that_the_profiler_prints(
     assert parts(tmp_path)["profile 1M"]["status"] == "failed"
 
 
+@pytest.mark.parametrize("fault", ["", "an image differs"])
+def test_nothing_is_run_on_a_gpu_whose_kernels_do_not_work(tmp_path, fault):
+    running = on_a_gpu(tmp_path, "works")
+    running._environment = dict(os.environ)
+    told = json.dumps({"fault": fault, "told": fault or "passed"})
+    assert running.works([sys.executable, "-S", "-c", f"print({told!r})"]) is not bool(fault)
+    assert parts(tmp_path)["works"]["status"] == ("failed" if fault else "ok")
+    assert not running.works([sys.executable, "-S", "-c", "raise SystemExit('no GPU')"])
+    assert parts(tmp_path)["works"]["reason"].endswith("no GPU")
+
+
 def test_parts_that_compare_nothing_need_no_gsplat(tmp_path):
     assert not on_a_gpu(tmp_path, "tests", "sanitizers", "profiles", "sort").wants_gsplat()
     assert on_a_gpu(tmp_path, "1M").wants_gsplat()
