@@ -124,8 +124,8 @@ def _options() -> argparse.Namespace:
         "--parts",
         default="works,tests,sanitizers,drawings,profiles,trainings",
         type=lambda text: tuple(text.split(",")),
-        help="of works (seconds), tests, sanitizers, drawings, profiles, trainings, or single ones such as 5M "
-        "(default: %(default)s)",
+        help="of works (seconds), tests, sanitizers, drawings, profiles, trainings, or single "
+        "ones such as 5M (default: %(default)s)",
     )
     parser.add_argument("--budget", type=float, default=470.0, help="seconds for everything")
     parser.add_argument("--steps", type=int, default=30_000, help="of a training, if they fit")
