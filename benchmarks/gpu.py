@@ -49,6 +49,14 @@ print(json.dumps(report))
 """
 
 
+WORKS = """
+import json
+from gsfw.rasterizers.cuda.tested_gpus import examine
+found = examine(0)
+print(json.dumps({"fault": found.fault, "told": str(found)}))
+"""
+
+
 def main() -> int:
     """Run the parts that were asked for; the exit code."""
     options = _options()
@@ -81,6 +89,10 @@ def main() -> int:
         session.skip_everything(f"there is no GPU to use: {reason}")
         report.show()
         return 1 if report.failed else NO_GPU
+    if not reason and not session.works([sys.executable, "-c", WORKS]):
+        session.skip_everything("the kernels do not work on this GPU")
+        report.show()
+        return 1
     gsplats = [
         Gsplat(wheel, options.work, environment, machine, len(gsplat_wheels))
         for wheel in gsplat_wheels
@@ -91,10 +103,12 @@ def main() -> int:
         report.add("gsplat", "skipped", f"{told}, so nothing is compared with it")
     session.leave_out()
     session.tests()
+    session.sanitizers()
     session.wait_for(gsplats)
     usable = [gsplat for gsplat in gsplats if not gsplat.problem]
     first = usable[0] if usable else None
     session.drawings(first)
+    session.profiles()
     session.trainings(first, options.steps)
     for other in usable[1:]:
         session.drawings(other, again=True)
@@ -108,9 +122,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="gpu.sh", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "--parts",
-        default="tests,drawings,trainings",
+        default="works,tests,sanitizers,drawings,profiles,trainings",
         type=lambda text: tuple(text.split(",")),
-        help="of tests, drawings, trainings, or single ones such as 5M (default: %(default)s)",
+        help="of works (seconds), tests, sanitizers, drawings, profiles, trainings, or single "
+        "ones such as 5M (default: %(default)s)",
     )
     parser.add_argument("--budget", type=float, default=470.0, help="seconds for everything")
     parser.add_argument("--steps", type=int, default=30_000, help="of a training, if they fit")

@@ -9,6 +9,17 @@ GARDEN = "reference/garden_workload.npz"
 CAPTURES = {"fox": "captures/fox", "chair": "synthetic/chair"}
 """Where the shared data has them; a folder that holds them by their last name alone will do."""
 
+TESTS = (
+    "tests/rasterizers",
+    "tests/kernels/cuda",
+    "tests/test_devices.py",
+    "tests/core/loop/test_determinism.py",
+    "tests/datamanagers/test_loader.py",
+    "tests/datamanagers/test_upload.py",
+)
+"""Files with tests of a GPU. The others are not collected: they import packages that a machine with
+a GPU need not have."""
+
 
 @dataclass(frozen=True)
 class Drawing:
@@ -20,6 +31,8 @@ class Drawing:
     """Seconds."""
     alone: bool = False
     """Of our first rasterizer only, and not of its speed."""
+    profiled: bool = False
+    """Counters of every kernel are read too, where Nsight Compute is there."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +45,8 @@ class Plan:
     tests: tuple[str, ...]
     """Arguments of pytest."""
     drawings: tuple[Drawing, ...]
+    sanitizers: tuple[str, ...] = ()
+    """Tools of NVIDIA's compute-sanitizer, which watch a small image and its gradient."""
     trainings: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Settings by scene."""
     missing: dict[str, str] = field(default_factory=dict)
@@ -46,7 +61,9 @@ def full(data: Path | None) -> Plan:
     """On a GPU."""
     missing: dict[str, str] = {}
     drawings = [
-        Drawing("1M", ("workload=random:1000000", "repeats=20", "sparse=true"), 60.0),
+        Drawing(
+            "1M", ("workload=random:1000000", "repeats=20", "sparse=true"), 60.0, profiled=True
+        ),
         Drawing("5M", ("workload=random:5000000", "repeats=10", "sparse=true"), 90.0),
         Drawing("first use", ("first_use=true", "repeats=1"), 60.0, alone=True),
         Drawing("sort", ("sort=1000000", "repeats=1"), 40.0, alone=True),
@@ -55,12 +72,13 @@ def full(data: Path | None) -> Plan:
     if garden:
         workload = f"workload={garden}"
         drawings[:0] = [
-            Drawing("garden", (workload, "repeats=30", "sparse=true", "agreement=100"), 120.0),
+            Drawing("garden", (workload, "repeats=30", "sparse=true"), 60.0, profiled=True),
             Drawing(
                 "garden x25, 1080p",
                 (workload, "copies=5", "size=1920x1080", "repeats=20", "sparse=true"),
                 90.0,
             ),
+            Drawing("agreement", (workload, "agreement=100", "repeats=1"), 120.0, alone=True),
         ]
     else:
         missing["garden"] = f"{Path(GARDEN).name} is not in the folder that --data gives"
@@ -74,8 +92,9 @@ def full(data: Path | None) -> Plan:
     return Plan(
         device="cuda",
         ours=("cuda", "cuda:deterministic"),
-        tests=("-m", "cuda", "tests"),
+        tests=("-m", "cuda", *TESTS),
         drawings=tuple(drawings),
+        sanitizers=("memcheck", "racecheck", "synccheck", "initcheck"),
         trainings=trainings,
         missing=missing,
     )
@@ -90,14 +109,18 @@ def tiny() -> Plan:
         ours=("reference", "reference:chunk_mb=2"),
         tests=("tests/studies/bench/test_timing.py",),
         drawings=(
-            Drawing("garden", ("workload=random:300", "agreement=1", *small), 120.0),
+            Drawing("garden", ("workload=random:300", *small), 120.0),
             Drawing("garden x25, 1080p", ("workload=random:20", "copies=5", *small), 120.0),
+            Drawing("agreement", ("workload=random:300", "agreement=1", *small), 120.0, True),
             Drawing("first use", ("workload=random:50", "first_use=true", *small), 120.0, True),
         ),
         trainings={
             "built in": (*scene, "datamanager.height=24", "datamanager.points=150"),
         },
-        missing={"sort": "it compares kernels that only a GPU runs"},
+        missing={
+            "sort": "it compares kernels that only a GPU runs",
+            "sanitizers": "they watch kernels that only a GPU runs",
+        },
         trial_steps=5,
         least_steps=5,
     )

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from gpu_profile import KernelProfile
 
 FIGURES = {
     "forward": "forward",
@@ -76,6 +79,21 @@ class Report:
         self._rows += [] if alone else _drawing_rows(part, found)
         self._rows += _other_rows(part, found)
         self._take(part, found)
+
+    def profile(
+        self, part: str, kernels: Sequence[KernelProfile], problem: str, seconds: float
+    ) -> None:
+        """Take what counters say of each kernel, also where the time did not suffice for all."""
+        for kernel in kernels:
+            told = f"{kernel.name}: {kernel.launches} launches, {kernel.registers:.0f} registers, "
+            told += f"{kernel.warps:.1f} warps, {kernel.issue:.0f} % issued, "
+            told += f"{kernel.memory:.0f} % of memory, {kernel.instructions / 1e6:.2f} M "
+            told += f"instructions, {kernel.bytes / 1e6:.2f} MB"
+            self._rows.append((part, told, f"{kernel.microseconds:.1f} us", "", ""))
+        if kernels:
+            self._take(part, {"seconds": seconds, "kernels": [asdict(k) for k in kernels]})
+        else:
+            self.add(part, "failed", problem or "it printed no table", seconds)
 
     def training(self, part: str, found: dict[str, Any]) -> None:
         """Take the summary of a run."""

@@ -10,7 +10,7 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,21 @@ import tomllib
 from gpu_gsplat import Gsplat
 from gpu_plan import Drawing, Plan
 from gpu_process import Ended, Process
+from gpu_profile import profiler, read_profile
 from gpu_report import Report
 
 ROOT = Path(__file__).resolve().parents[1]
 
+WORKS_SECONDS = 60.0
 TEST_SECONDS = 150.0
+SANITIZER_SECONDS = 120.0
+"""initcheck watches the kernels of torch too."""
+PROFILE_SECONDS = 60.0
 SAFETY = 1.4
 """A training may take so much longer than a short one promises: it has more Gaussians."""
+
+SMALL_IMAGE = ("workload=random:2000", "size=160x104", "repeats=1", "sparse=true")
+"""An image, its gradient and steps, with every kernel, small enough for a checker of memory."""
 
 OUTCOME = re.compile(r"\b(PASSED|FAILED|ERROR|SKIPPED)\b")
 SELECTED = re.compile(r"(\d+) selected|\[(\d+) items\]|collected (\d+) items")
@@ -70,21 +78,36 @@ class Session:
 
     def skip_everything(self, reason: str) -> None:
         """Say of each part that it is not run."""
-        names = ["tests", "gsplat", *(drawing.name for drawing in self._plan.drawings)]
+        names = ["tests", "gsplat", *self._plan.sanitizers]
+        names += [drawing.name for drawing in self._plan.drawings]
         names += [f"training {scene}" for scene in self._plan.trainings]
         for name in (*names, *self._plan.missing):
             self._report.add(name, "skipped", reason)
 
     def wants_gsplat(self) -> bool:
         """Whether a part that is run compares with it."""
-        return any(part != "tests" for part in self._parts)
+        compared = [drawing.name for drawing in self._plan.drawings if not drawing.alone]
+        return any(self._wanted("drawings", name) for name in compared) or any(
+            self._wanted("trainings", f"training {scene}") for scene in self._plan.trainings
+        )
+
+    def works(self, command: list[str]) -> bool:
+        """Whether the self-test passes, without which nothing else is worth its time."""
+        if not self._wanted("works", "works"):
+            return True
+        found = self.json("works", command, WORKS_SECONDS)
+        if found:
+            status = "failed" if found["fault"] else "ok"
+            self._report.add("works", status, found["told"], found["seconds"])
+        return bool(found) and not found["fault"]
 
     def tests(self) -> None:
         """The suites that hold for any rasterizer, on this device."""
         if not self._wanted("tests", "tests"):
             return
         command = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider"]
-        command += [*self._plan.tests, "--color=no"]
+        # Where pytest-benchmark lies about, it warns of pytest-xdist, which is an error here.
+        command += [*self._plan.tests, "--color=no", "-p", "no:benchmark"]
         # Where this old package lies about, importing torch warns of it.
         command += ["-W", "ignore:The pynvml package:FutureWarning"]
         command += _workers(self._plan.device)
@@ -99,6 +122,39 @@ class Session:
         total = sizes[-1] if sizes else sum(counts.values())
         left_out = max(0, total - sum(counts.values()))
         self._report.tests(counts, left_out, ended.seconds, ended.problem)
+
+    def sanitizers(self) -> None:
+        """Let NVIDIA's checkers of memory, races and barriers watch the kernels of small steps."""
+        tools = [tool for tool in self._plan.sanitizers if self._wanted("sanitizers", tool)]
+        program = shutil.which("compute-sanitizer")
+        for tool in tools:
+            if program is None:
+                self._report.add(tool, "skipped", "NVIDIA's compute-sanitizer is not there")
+                continue
+            command = [program, "--tool", tool, "--error-exitcode", "9"]
+            # Those of torch would take most of the time.
+            command += ["--kernel-name", "kns=gsfw", *self._bench(self._plan.ours[:1])]
+            limit = min(SANITIZER_SECONDS, self.left())
+            ended = self._run(tool, [*command, *SMALL_IMAGE], limit)
+            summary = re.findall(r"ERROR SUMMARY: .*|RACECHECK SUMMARY: .*", ended.output)
+            told = "; ".join(filter(None, [ended.problem, *summary])) or "it found nothing"
+            self._report.add(tool, "failed" if ended.problem else "ok", told, ended.seconds)
+
+    def profiles(self) -> None:
+        """Counters of every kernel of some drawings, by NVIDIA's Nsight Compute."""
+        program = shutil.which("ncu")
+        for drawing in self._plan.drawings:
+            name = f"profile {drawing.name}"
+            if not drawing.profiled or not self._wanted("profiles", name):
+                continue
+            if program is None:
+                self._report.add(name, "skipped", "NVIDIA's Nsight Compute (ncu) is not there")
+                continue
+            arguments = [*drawing.arguments, "repeats=1", "sparse=false"]
+            command = [*profiler(program), *self._bench(self._plan.ours[:1]), *arguments]
+            ended = self._run(name, command, min(PROFILE_SECONDS, self.left()))
+            kernels = read_profile(ended.output)
+            self._report.profile(name, kernels, ended.problem, ended.seconds)
 
     def wait_for(self, gsplats: list[Gsplat]) -> None:
         """Let what compiles beside the tests end, so that it does not disturb the measurements."""
@@ -134,10 +190,9 @@ class Session:
             return True
         rasterizers = self._plan.ours[: 1 if drawing.alone else None]
         rasterizers += ("gsplat",) if gsplat else ()
-        command = [sys.executable, "-m", "gsfw", "bench", "json=true"]
-        command += [f"rasterizer={','.join(rasterizers)}", f"device={self._plan.device}"]
+        command = [*self._bench(rasterizers), "json=true", *drawing.arguments]
         environment = gsplat.environment if gsplat else None
-        found = self.json(title, [*command, *drawing.arguments], limit, environment)
+        found = self.json(title, command, limit, environment)
         if found:
             self._report.drawing(title, found, drawing.alone)
         return bool(found)
@@ -206,6 +261,10 @@ class Session:
         command += [f"steps={steps}", f"out={out}", "json=true"]
         return self.json(title, command, limit, environment)
 
+    def _bench(self, rasterizers: Sequence[str]) -> list[str]:
+        command = [sys.executable, "-m", "gsfw", "bench"]
+        return [*command, f"rasterizer={','.join(rasterizers)}", f"device={self._plan.device}"]
+
     def _wanted(self, group: str, name: str) -> bool:
         return group in self._parts or name in self._parts
 
@@ -224,9 +283,9 @@ class Session:
 
 
 def _workers(device: str) -> list[str]:
-    """Options by which pytest takes half of the cores for a GPU, and one without pytest-xdist."""
+    """Options by which pytest takes all cores but two, and one where pytest-xdist is missing."""
     if importlib.util.find_spec("xdist"):
-        workers = max(1, (os.cpu_count() or 1) // 2)
+        workers = max(1, (os.cpu_count() or 1) - 2)
         # Few files have most of the tests, so that workers take them one by one.
         return ["-n", str(workers), "--dist", "worksteal"] if device == "cuda" else ["-n", "0"]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))

@@ -49,7 +49,7 @@ def run(tokens: list[str]) -> int:
     """Run all checks."""
     options = read_options("doctor", DoctorOptions, tokens)
     console = Console(options.json)
-    findings = [*_versions(), *_libraries(), _native(), _cuda()]
+    findings = [*_versions(), *_libraries(), _native(), _cuda(), *_self_tests()]
     findings += [*_rasterizers(installed()), *_plugins(installed()), _write_access()]
     console.table(
         ["", "status", "details"],
@@ -114,6 +114,22 @@ def _cuda() -> Finding:
         f"compiled anew by every process: {problem}" if problem else f"kept in {cache.folder}",
     ]
     return Finding("CUDA kernels", "ok", "; ".join(details))
+
+
+def _self_tests() -> Iterator[Finding]:
+    """The self-test of every GPU that the CUDA kernels can use; made anew each time."""
+    from gsfw.kernels.cuda.availability import cuda_system, unavailable
+
+    if unavailable():
+        return
+    from gsfw.rasterizers.cuda.tested_gpus import ADVICE, examine, gpu_name
+
+    for index in cuda_system().devices:
+        found, what = examine(index), f"self-test cuda:{index}"
+        if found.fault:
+            yield Finding(what, "missing", f"{gpu_name(index)}: {found.fault}. {ADVICE}")
+        else:
+            yield Finding(what, "ok", f"{gpu_name(index)} {found}")
 
 
 def _rasterizers(registry: Registry) -> Iterator[Finding]:

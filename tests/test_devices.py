@@ -31,9 +31,9 @@ SETTLED = 0.1
 """dB by which runs without density control may differ after 200 steps: rounding alone separates
 them. (The reference and the native rasterizer, both on the CPU, differ by less than 0.01.)"""
 
-DRAWN = 0.6
-"""dB by which runs may differ that draw other random numbers for new rows. (The PSNR of 8 seeds on
-the CPU lies within 0.4 dB, for either strategy.)"""
+DRAWN = {"adc": 1.8, "error": 1.4, "mcmc": 0.6}
+"""dB by which runs may differ that draw other random numbers for new rows. (The PSNR of 14 seeds on
+the CPU lies within 1.6, 1.2 and 0.4 dB.)"""
 
 
 @pytest.fixture(autouse=True)
@@ -57,10 +57,7 @@ def restored(out: Path, where: tuple[str, ...]):
     return restore(RunFolder(out), installed(), changed=Layer(COMMAND_LINE, values))
 
 
-@pytest.mark.parametrize(
-    ("strategy", "tolerance"),
-    [("none", SETTLED), ("adc", DRAWN), ("error", DRAWN), ("mcmc", DRAWN)],
-)
+@pytest.mark.parametrize(("strategy", "tolerance"), [("none", SETTLED), *DRAWN.items()])
 def test_both_devices_train_to_the_same_quality(tmp_path, strategy, tolerance):
     settings = ("steps=200", f"strategy={strategy}")
     if strategy != "none":

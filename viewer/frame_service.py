@@ -8,7 +8,10 @@ import time
 from collections import deque
 from collections.abc import Generator, Sequence
 
+import torch
+
 from gsfw.core.errors import UserError
+from gsfw.core.loop.full_memory import shortage
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.viewed_model import ViewedModel
 from gsfw.viewer.viewport import Viewport
@@ -17,6 +20,8 @@ logger = logging.getLogger(__name__)
 
 MOVING_SECONDS = 1 / 20
 """Time that a frame may take while a page moves, if nothing else needs the machine."""
+SMALLER = "Make the window smaller, or start the viewer with fewer Gaussians (budget=500000)."
+"""Remedy for a page whose frames do not fit into a GPU."""
 NAP_SECONDS = 0.05
 """Longest sleep of an idle service: then pages may have come to rest."""
 
@@ -119,6 +124,8 @@ class FrameService:
             frame = self.maker.make(request.state, request.scale)
         except UserError as error:
             viewport.fail(request, f"{error.message} {error.advice}".strip())
+        except torch.OutOfMemoryError as error:
+            viewport.fail(request, f"The GPU's memory is full{shortage(error)}. {SMALLER}")
         except Exception as error:
             # One page's wish is no reason to end a run, or the view of others.
             logger.debug("a frame failed", exc_info=True)

@@ -82,6 +82,9 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     if is_out_of_memory(error):
         _tell(console, *OUT_OF_MEMORY)
         return UNEXPECTED
+    if (full := _gpu_is_full(error)) is not None:
+        _tell(console, *full)
+        return UNEXPECTED
     path: Path | None
     if isinstance(error, RecordedError):
         path, cause = error.path, error.__cause__ or error
@@ -117,6 +120,18 @@ def is_out_of_memory(error: BaseException) -> bool:
             return True
         found = found.__cause__ or found.__context__
     return False
+
+
+def _gpu_is_full(error: BaseException) -> tuple[str, str] | None:
+    """Message and advice where a GPU's memory could not be allocated; ``None`` for other errors."""
+    found: BaseException | None = error
+    while found is not None:
+        if type(found).__name__ == "OutOfMemoryError":  # Of torch, which may not be loaded.
+            from gsfw.core.loop.full_memory import ADVICE, shortage
+
+            return f"the GPU's memory is full{shortage(found)}.", ADVICE
+        found = found.__cause__ or found.__context__
+    return None
 
 
 def _culprit(error: BaseException) -> tuple[str, str]:

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.commands.interface.summary import file_rows, next_rows, run_rows, summary_text
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
@@ -105,7 +102,7 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
     report = RequirementsReport(trainer)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
-        summary = _fit(trainer, report)
+        summary = trainer.fit(afterwards=report.make)
         ending = Ending(report.headline)
         if summary["completed"]:
             ending.invisible = write_splats(trainer, console)
@@ -116,18 +113,6 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
         trainer.parts.data.close()
     _tell(summary, trainer, console, ending)
     return summary
-
-
-def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:
-    try:
-        return trainer.fit(afterwards=report.make)
-    except torch.OutOfMemoryError:
-        raise TrainingError(
-            f"the GPU's memory is full after {trainer.step} steps, with "
-            f"{len(trainer.parts.table):,} Gaussians.",
-            "Keep no images there (gpu_cache_mb=0), shrink them (downscale=2), or limit the "
-            "number of Gaussians (strategy=mcmc strategy.cap_max=500000).",
-        ) from None
 
 
 def write_splats(trainer: Trainer, console: Console) -> int:

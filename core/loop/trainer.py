@@ -18,6 +18,7 @@ from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
 from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses, without_data
+from gsfw.core.loop.full_memory import memory_full
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -74,7 +75,7 @@ class Trainer:
                 callbacks are closed.
 
         Raises:
-            TrainingError: too many steps in a row were not finite.
+            TrainingError: too many steps in a row were not finite, or the GPU's memory is full.
             OutputError: a checkpoint could not be written.
         """
         with deterministic(self.parts.device):
@@ -92,6 +93,8 @@ class Trainer:
                 if summary["completed"] and afterwards is not None:
                     afterwards()
                 return summary
+            except torch.OutOfMemoryError as error:
+                raise memory_full(error, self) from None
             finally:
                 self.callbacks.close()
 
@@ -122,6 +125,7 @@ class Trainer:
             self._stopwatch.step_done()
             self.step += 1
             self.train_seconds += time.perf_counter() - started
+        self._updates.is_underway = False
         # In haste many steps pass in little time: evaluations due in them wait for the end.
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
@@ -334,6 +338,15 @@ class Trainer:
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
+
+    def keep_state(self) -> None:
+        """Write a checkpoint in place of further steps, if none has changed a part of the state.
+
+        Views that an unfinished step has drawn count as seen.
+        """
+        is_whole = self.parts.team.size == 1 and not self._updates.is_underway
+        if is_whole and self.folder.latest_checkpoint() != self.folder.checkpoint(self.step):
+            self._checkpoint()
 
     def state_dict(self) -> dict[str, Any]:
         """All state of the training: tensors and plain data."""

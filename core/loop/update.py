@@ -21,6 +21,8 @@ class Update:
 
     def __init__(self, parts: TrainingParts, clock: Stopwatch) -> None:
         self._parts, self._clock = parts, clock
+        self.is_underway = False
+        """True from the first change of a parameter on, until the caller has ended the step."""
         self._times = parts.data.views(Split.TRAIN).times
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
@@ -58,6 +60,7 @@ class Update:
         with clock.stage("optimize"):
             finite = self._complete(rendered)
             visible = self._visible(rendered) if parts.optimizer.sparse else None
+            self.is_underway = True
             parts.optimizer.step(step, finite, visible)
             parts.model.project_()
             parts.corrections.project_()

@@ -23,6 +23,8 @@ class CudaSystem:
     driver: Driver
     targets: tuple[str, ...]
     """Compilation target of each device, such as "sm_90"; devices that are too old are left out."""
+    devices: tuple[int, ...]
+    """The numbers of these devices."""
 
 
 def cuda_system() -> CudaSystem:
@@ -49,16 +51,16 @@ def cuda_system() -> CudaSystem:
             f"torch {torch.__version__}, built for CUDA {torch.version.cuda}, cannot use the GPU.",
             "python -c 'import torch; torch.zeros(1).cuda()' says why.",
         )
-    targets, refusals = [], []
+    targets, refusals = dict[int, str](), []
     for index in range(count):
         major, minor = torch.cuda.get_device_capability(index)
         try:
-            targets.append(choose_target(10 * major + minor, nvrtc.architectures).name)
+            targets[index] = choose_target(10 * major + minor, nvrtc.architectures).name
         except CudaError as error:
             refusals.append(error)
     if not targets:
         raise refusals[0]
-    return CudaSystem(nvrtc, driver, tuple(targets))
+    return CudaSystem(nvrtc, driver, tuple(targets.values()), tuple(targets))
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,7 @@ from gsfw.core.config import RasterizerConfig
 from gsfw.core.ranges import number
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
+from gsfw.rasterizers.cuda.tested_gpus import check_gpu
 
 
 @dataclass
@@ -23,6 +24,8 @@ class CudaConfig(RasterizerConfig):
     """Sum gradients in a fixed order, so that a run gives the same bits each time; takes memory."""
     time_stages: bool = False
     """Measure each stage of an image, for which the host waits for the device."""
+    self_test: bool = True
+    """Test a GPU once, before the first image, and refuse it where images would be wrong."""
 
     def capabilities(self) -> Capabilities:
         """Capabilities on this machine, with these settings."""
@@ -30,6 +33,12 @@ class CudaConfig(RasterizerConfig):
         return replace(CudaRasterizer.capabilities(), determinism=kind)
 
     def build(self, device: torch.device) -> CudaRasterizer:
-        """The rasterizer for one GPU."""
+        """The rasterizer for one GPU.
+
+        Raises:
+            CudaError: the GPU does not pass the self-test, or CUDA cannot be used.
+        """
         launcher = cuda_launcher(device)
+        if self.self_test:
+            check_gpu(device)
         return CudaRasterizer(launcher, self.pairs_mb, self.deterministic, self.time_stages)

@@ -43,7 +43,8 @@ def first_use(rasterizer: str, device: str) -> dict[str, dict[str, float]]:
     """Seconds of each part with an empty cache of kernels (cold) and with a filled one (warm).
 
     ``torch``: importing it and touching the device; ``gsfw``: importing it, building the rasterizer
-    and a small scene; ``first_image`` and ``first_backward``: rendering and its backward pass.
+    (which, cold, tests the GPU with kernels that it compiles for that) and a small scene;
+    ``first_image`` and ``first_backward``: rendering and its backward pass.
 
     Raises:
         UnavailableError: the process fails; says why.

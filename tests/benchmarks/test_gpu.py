@@ -11,8 +11,9 @@ import pytest
 import torch
 from gpu_gsplat import Gsplat
 from gpu_package import ROOT, install_wheels, make_package
-from gpu_plan import full, tiny
+from gpu_plan import TESTS, full, tiny
 from gpu_process import Process
+from gpu_profile import METRICS
 from gpu_report import Report
 from gpu_session import Session
 
@@ -34,7 +35,8 @@ def script(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_without_a_gpu_each_part_is_one_sentence_and_the_code_is_3(tmp_path):
     ended = script(tmp_path)
     assert ended.returncode == 3, ended.stdout + ended.stderr
-    for part in ("tests", "gsplat", "1M", "5M", "first use", "sort", "garden", "training fox"):
+    parts = ("tests", "memcheck", "gsplat", "1M", "5M", "first use", "sort", "garden")
+    for part in (*parts, "training fox"):
         assert f"\n{part}: skipped: there is no GPU to use: " in ended.stdout
     document = json.loads((tmp_path / "out" / "gpu.json").read_text())
     assert {part["status"] for part in document["parts"].values()} == {"skipped"}
@@ -47,9 +49,11 @@ def test_all_parts_run_at_a_tiny_size_on_the_cpu(tmp_path):
     assert ended.returncode == 0, ended.stdout + ended.stderr
     document = json.loads((tmp_path / "out" / "gpu.json").read_text())
     parts = {name: part["status"] for name, part in document["parts"].items()}
-    ran = {"tests", "garden", "garden x25, 1080p", "first use", "training built in, reference"}
+    ran = {"tests", "garden", "garden x25, 1080p", "agreement", "first use"}
+    ran.add("training built in, reference")
     assert {name for name, status in parts.items() if status == "ok"} == ran
-    assert {name for name, status in parts.items() if status == "skipped"} == {"gsplat", "sort"}
+    left_out = {"gsplat", "sort", "sanitizers"}
+    assert {name for name, status in parts.items() if status == "skipped"} == left_out
     table = (tmp_path / "out" / "gpu.md").read_text()
     assert "| garden | forward + backward, reference:chunk_mb=2 |" in table
     assert "| first use | reference, cold cache, seconds: torch " in table
@@ -182,6 +186,103 @@ def _program(tmp_path: Path, output: str) -> str:
     return str(program)
 
 
+def on_a_gpu(tmp_path: Path, *wanted: str) -> Session:
+    """A session of the full plan, in which only these parts run."""
+    deadline = time.monotonic() + 100.0
+    return Session(full(None), Report(tmp_path), os.environ, tmp_path, deadline, wanted)
+
+
+def stand_in(tmp_path: Path, monkeypatch, name: str, *lines: str) -> None:
+    """A program of NVIDIA's that runs these lines of a shell instead."""
+    program = tmp_path / name
+    program.write_text("\n".join(["#!/bin/sh", *lines]))
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+
+
+def test_a_sanitizer_that_finds_a_fault_fails_and_one_that_is_not_there_is_left_out(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("gpu_session.shutil.which", lambda name: None)
+    on_a_gpu(tmp_path, "sanitizers").sanitizers()
+    assert {part["status"] for part in parts(tmp_path).values()} == {"skipped"}
+    monkeypatch.undo()
+    stand_in(
+        tmp_path,
+        monkeypatch,
+        "compute-sanitizer",
+        'echo "========= ERROR SUMMARY: 1 error ($2)"',
+        '[ "$2" != racecheck ] || exit 9',
+    )
+    running = on_a_gpu(tmp_path, "memcheck", "racecheck")
+    running._environment = dict(os.environ)
+    running.sanitizers()
+    found = parts(tmp_path)
+    assert set(found) == {"memcheck", "racecheck"}
+    assert found["memcheck"]["status"] == "ok"
+    assert found["racecheck"]["status"] == "failed"
+    assert found["racecheck"]["reason"].endswith("ERROR SUMMARY: 1 error (racecheck)")
+
+
+def profile_table() -> str:
+    """What Nsight Compute prints of three launches, with a unit below each metric."""
+    names = ["ID", "Kernel Name", *METRICS]
+    units = ["", "", "us", "register/thread", "warp", "inst", "%", "%", "Mbyte"]
+    blend = "void blend<float, 3, 128, 0>(gsfw::cuda::BlendJob)"
+    rows = [
+        ["0", blend, "100.5", "56", "28.5", "1,500,000", "60", "20", "1.5"],
+        ["1", "scatter(Job)", "4", "64", "30", "1000", "5", "50", "2"],
+        ["2", blend, "101.5", "56", "28.5", "1,500,000", "60", "20", "1.5"],
+    ]
+    lines = [",".join(f'"{cell}"' for cell in row) for row in (names, units, *rows)]
+    return "\n".join(["==PROF== Connected to process 1", *lines])
+
+
+def test_counters_of_kernels_are_read_from_the_table_that_the_profiler_prints(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "table").write_text(profile_table())
+    stand_in(tmp_path, monkeypatch, "ncu", f"cat {tmp_path}/table")
+    running = on_a_gpu(tmp_path, "profile 1M")
+    running._environment = dict(os.environ)
+    running.profiles()
+    blend, scatter = parts(tmp_path)["profile 1M"]["kernels"]
+    assert blend["name"] == "blend<float, 3, 128, 0>"
+    assert (blend["launches"], blend["microseconds"], blend["bytes"]) == (2, 101.0, 1.5e6)
+    assert (scatter["name"], scatter["registers"], scatter["instructions"]) == ("scatter", 64, 1000)
+    assert "2 launches, 56 registers, 28.5 warps" in (tmp_path / "gpu.md").read_text()
+    stand_in(tmp_path, monkeypatch, "ncu", "exit 1")
+    running.profiles()
+    assert parts(tmp_path)["profile 1M"]["status"] == "failed"
+
+
+@pytest.mark.parametrize("fault", ["", "an image differs"])
+def test_nothing_is_run_on_a_gpu_whose_kernels_do_not_work(tmp_path, fault):
+    running = on_a_gpu(tmp_path, "works")
+    running._environment = dict(os.environ)
+    told = json.dumps({"fault": fault, "told": fault or "passed"})
+    assert running.works([sys.executable, "-S", "-c", f"print({told!r})"]) is not bool(fault)
+    assert parts(tmp_path)["works"]["status"] == ("failed" if fault else "ok")
+    assert not running.works([sys.executable, "-S", "-c", "raise SystemExit('no GPU')"])
+    assert parts(tmp_path)["works"]["reason"].endswith("no GPU")
+
+
+def test_parts_that_compare_nothing_need_no_gsplat(tmp_path):
+    assert not on_a_gpu(tmp_path, "tests", "sanitizers", "profiles", "sort").wants_gsplat()
+    assert on_a_gpu(tmp_path, "1M").wants_gsplat()
+
+
+def test_files_with_tests_of_a_gpu_are_all_named():
+    marked = {
+        path.relative_to(ROOT)
+        for path in (ROOT / "tests").rglob("test_*.py")
+        if "mark.cuda" in path.read_text() and path != Path(__file__)
+    }
+    named = [Path(name) for name in TESTS]
+    assert not [path for path in marked if not any(path.is_relative_to(name) for name in named)]
+    assert all((ROOT / name).exists() for name in named)
+
+
 def trained(seconds_per_step: float):
     """Stands in for training: notes what is asked, and takes no time."""
 
@@ -307,7 +408,7 @@ def test_ours_is_measured_alone_where_it_fails_beside_gsplat(tmp_path, monkeypat
     asked = []
 
     def document(name, command, limit, environment=None):
-        asked.append((name, command[5], environment))
+        asked.append((name, command[4], environment))
         return {}
 
     monkeypatch.setattr(running, "json", document)

@@ -12,6 +12,8 @@ from gsfw.kernels.cpu import native_module
 from gsfw.kernels.cuda import availability
 from gsfw.kernels.cuda.cache import KernelCache
 from gsfw.plugins.specs import Spec, hookimpl
+from gsfw.rasterizers.cuda import tested_gpus
+from gsfw.rasterizers.cuda.self_test import SelfTest
 
 
 def findings(capsys) -> dict[str, tuple[str, str]]:
@@ -61,14 +63,28 @@ def test_with_cuda_it_says_what_is_used_and_kept_where(
 ):
     nvrtc = SimpleNamespace(version=(13, 0), path="/lib/libnvrtc.so.13")
     system = SimpleNamespace(
-        nvrtc=nvrtc, driver=SimpleNamespace(version=(13, 1)), targets=("sm_90", "sm_120")
+        nvrtc=nvrtc,
+        driver=SimpleNamespace(version=(13, 1)),
+        targets=("sm_90", "sm_120"),
+        devices=(0, 2),
     )
+    results = {0: SelfTest(2.04), 2: SelfTest(1.0, "an image differs")}
+    monkeypatch.setattr(tested_gpus, "examine", results.__getitem__)
+    monkeypatch.setattr(tested_gpus, "gpu_name", "GPU {}".format)
     monkeypatch.setattr(availability, "unavailable", str)
     monkeypatch.setattr(availability, "cuda_system", lambda: system)
     monkeypatch.setenv("GSFW_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(KernelCache, "problem", lambda self: problem)
     assert main(["doctor", "json=true"]) == 0
-    assert findings(capsys)["CUDA kernels"] == (
+    found = findings(capsys)
+    assert found["self-test cuda:0"] == (
+        "ok",
+        "GPU 0 passed in 2.0 s: sorting, an image and its gradient are right",
+    )
+    status, details = found["self-test cuda:2"]
+    assert status == "missing"
+    assert details.startswith("GPU 2: an image differs. Use rasterizer=gsplat if it is installed, ")
+    assert found["CUDA kernels"] == (
         "ok",
         "NVRTC 13.0 at /lib/libnvrtc.so.13; driver for CUDA 13.1; compiled for sm_90, sm_120; "
         + kept.format(folder=tmp_path / "kernels"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, example, given, settings
 from support.agreement import (
     FUSED,
     Drawn,
@@ -27,6 +27,7 @@ from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.stress.judgement import faults_of_float32
 
 SCENES = settings(
     max_examples=50,
@@ -69,7 +70,11 @@ def check(backend: Rasterizer, kind: Kind) -> None:
     check_float64(draw_everything(backend, *wide), expected, bounds)
     if kind.cut_offs or kind.depth is not Depth.EXPECTED:
         # Without them depth is divided by weights of 1e-30, whose ratios float32 does not know.
-        check_float32(draw_everything(backend, *narrow), expected, narrow[2].profile)
+        found = draw_everything(backend, *narrow)
+        if faults_of_float32(found, expected, narrow[2].profile):
+            # Some drawn scenes are ill-conditioned, such as those of needles given by covariances.
+            plain = draw_everything(ReferenceRasterizer(), *narrow)
+            assert not faults_of_float32(found, expected, narrow[2].profile, plain)
 
 
 @OFTEN
@@ -79,8 +84,27 @@ def test_random_scenes_agree(backend, kind):
     check(backend, kind)
 
 
+NEEDLES = Kind(
+    seed=122244,
+    size=(17, 31),
+    model=CameraModel.PINHOLE,
+    count=26,
+    cameras=2,
+    degree=4,
+    layout="ragged",
+    extras=1,
+    covariances=True,
+    background="constant",
+    antialias=True,
+    depth=Depth.ACCUMULATED,
+    cut_offs=False,
+)
+"""Plain float32 is off by 4e-4 in the gradients of its covariances."""
+
+
 @OFTEN
 @SCENES
+@example(NEEDLES)
 @given(kinds(model=CameraModel.PINHOLE, cut_offs=False))
 def test_random_scenes_without_cut_offs_agree(backend, kind):
     check(backend, kind)

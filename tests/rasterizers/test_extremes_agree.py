@@ -7,6 +7,7 @@ from functools import lru_cache
 import pytest
 import torch
 from support.backends import BACKENDS, CUDA, EMULATED
+from support.on_cuda import OnCuda
 from support.scenes import front_camera
 
 from gsfw.core.capabilities import Determinism
@@ -71,7 +72,8 @@ def oracle() -> Oracle:
 
 def entrant(rasterizer: Rasterizer) -> Entrant:
     """A backend of the conftest, which takes tensors on the CPU, wherever it draws."""
-    able = replace(rasterizer.capabilities(), unavailable="", devices=frozenset({"cpu"}))
+    behind = rasterizer.behind if isinstance(rasterizer, OnCuda) else rasterizer
+    able = replace(behind.capabilities(), unavailable="", devices=frozenset({"cpu"}))
     if is_emulated(rasterizer):  # Its threads come in scrambled order.
         able = replace(able, determinism=Determinism.NONE)
     # That drawing again gives the same bits has tests of its own beside each backend.

@@ -32,6 +32,10 @@ class StubDriver:
     def fail(self, function: str, status: int) -> None:
         self._library.stub_fail(function.encode(), status)
 
+    def share(self, bytes_of_a_block: int) -> None:
+        """Let every kernel have so much static shared memory."""
+        self._library.stub_share(bytes_of_a_block)
+
     def expect_job(self, size: int) -> None:
         self._library.stub_expect_job(ctypes.c_size_t(size))
 

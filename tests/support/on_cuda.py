@@ -11,7 +11,7 @@ from gsfw.core.capabilities import Capabilities
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.core.splats import Splats
+from gsfw.core.splats import Sh, Splats
 
 DEVICE = "cuda"
 
@@ -20,7 +20,7 @@ class OnCuda(Rasterizer):
     """Moves what is drawn to the GPU, and images, gradients and statistics back."""
 
     def __init__(self, rasterizer: Rasterizer) -> None:
-        self._rasterizer = rasterizer
+        self.behind = rasterizer
 
     @classmethod
     def capabilities(cls) -> Capabilities:
@@ -29,8 +29,9 @@ class OnCuda(Rasterizer):
 
     def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         pairs: list[tuple[Tensor, Tensor]] = []
-        splats = splats.map(lambda tensor: _Move.apply(tensor, pairs))
-        view = _Move.apply(cameras.world_to_camera, pairs)
+        offsets = splats.colors.offsets if isinstance(splats.colors, Sh) else None
+        splats = splats.map(lambda tensor: _Move.apply(tensor, offsets, pairs))
+        view = _Move.apply(cameras.world_to_camera, None, pairs)
         background, weights = settings.background, settings.contribution_weights
         settings = replace(
             settings,
@@ -38,7 +39,7 @@ class OnCuda(Rasterizer):
             contribution_weights=None if weights is None else weights.to(DEVICE),
             validation=Validation.CHEAP,
         )
-        output = self._rasterizer.render(
+        output = self.behind.render(
             _indices_moved(splats), replace(cameras.to(DEVICE), world_to_camera=view), settings
         )
         statistics = _statistics(output.statistics, pairs)
@@ -48,18 +49,23 @@ class OnCuda(Rasterizer):
 
 
 class _Move(torch.autograd.Function):
-    """To the GPU; on the way back, statistics that were written there are copied too."""
+    """To the GPU; on the way back, statistics that were written there are copied too.
+
+    The tensors here are kept as the rasterizer keeps those there, so that changes are noticed.
+    """
 
     @staticmethod
-    def forward(ctx: Any, tensor: Tensor, pairs: list) -> Tensor:
+    def forward(ctx: Any, tensor: Tensor, offsets: Tensor | None, pairs: list) -> Tensor:
         ctx.pairs = pairs
+        ctx.save_for_backward(tensor, offsets)
         return tensor.to(DEVICE)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
+        ctx.saved_tensors  # noqa: B018 - raises if one was changed since
         for here, there in ctx.pairs:
             here.copy_(there)
-        return gradient.cpu(), None
+        return gradient.cpu(), None, None
 
 
 def _indices_moved(splats: Splats) -> Splats:

@@ -8,6 +8,8 @@ import torch
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.update import Update
+from gsfw.core.rasterizer import Rasterizer
 from gsfw.formats.ply import PlyExporter
 
 SMALL = (
@@ -21,17 +23,52 @@ def out(tmp_path) -> str:
     return str(tmp_path / "run")
 
 
-def test_a_full_gpu_says_what_to_turn(out, capsys, monkeypatch):
-    def fail(self, afterwards):
-        raise torch.OutOfMemoryError("CUDA out of memory")
+FULL = (
+    "CUDA out of memory. Tried to allocate 2.25 GiB. GPU 0 has a total capacity of 79.15 GiB of "
+    "which 1.20 GiB is free. Process 1 has 77.90 GiB memory in use."
+)
 
-    monkeypatch.setattr(Trainer, "fit", fail)
+
+def test_a_full_gpu_says_what_to_turn_and_how_to_go_on(out, capsys, monkeypatch):
+    rendered = Update._rendered
+
+    def fail(self, forward, batches, views, step):
+        if step == 1:
+            raise torch.OutOfMemoryError(FULL)
+        return rendered(self, forward, batches, views, step)
+
+    monkeypatch.setattr(Update, "_rendered", fail)
     assert main(["train", *SMALL, f"out={out}"]) == 1
-    assert capsys.readouterr().err == (
-        "error: the GPU's memory is full after 0 steps, with 150 Gaussians.\n"
-        "Keep no images there (gpu_cache_mb=0), shrink them (downscale=2), or limit the number "
-        "of Gaussians (strategy=mcmc strategy.cap_max=500000).\n"
+    assert capsys.readouterr().err.endswith(
+        "error: the GPU's memory is full after 1 steps, with 150 Gaussians: 2.25 GiB were asked "
+        "for, and 1.20 GiB were free.\n"
+        "A run needs less with smaller images (downscale=2), fewer Gaussians "
+        "(strategy.max_gaussians=75) or no images kept there (gpu_cache_mb=0); a lower "
+        "rasterizer.pairs_mb refuses single images that need much.\n"
+        f"{out}/checkpoints/step_000000001.pt is kept: gsfw resume {out} gpu_cache_mb=0 goes on "
+        "from there.\n"
     )
+    monkeypatch.undo()
+    assert main(["resume", out, "gpu_cache_mb=0"]) == 0
+    assert RunFolder(Path(out)).splats.is_file()
+
+
+def test_a_gpu_that_is_full_in_an_evaluation_needs_no_traceback(out, capsys, monkeypatch):
+    assert main(["train", *SMALL, f"out={out}"]) == 0
+
+    def fail(*arguments, **settings):
+        raise torch.OutOfMemoryError("CUDA out of memory.")
+
+    capsys.readouterr()
+    monkeypatch.setattr(Rasterizer, "render", fail)
+    for verb in ("eval", "render"):
+        assert main([verb, out]) == 1
+        assert capsys.readouterr().err.endswith(
+            "error: the GPU's memory is full.\n"
+            "Smaller images (train: downscale=2, render: scale=0.5), fewer Gaussians (render and "
+            "eval: budget=500000) or device=cpu need less; nvidia-smi lists other programs on the "
+            "GPU.\n"
+        )
 
 
 def test_a_model_that_no_ply_can_hold_is_no_failure_of_the_run(out, capsys, monkeypatch):

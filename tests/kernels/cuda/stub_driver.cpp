@@ -16,6 +16,7 @@ std::mutex mutex;
 std::string calls;
 std::map<std::string, int> failures;
 int version = 13000;
+int shared_bytes = 0;
 size_t job_size = 0;
 std::string job;
 thread_local void* current = nullptr;
@@ -37,12 +38,15 @@ void stub_reset(int driver_version) {
   calls.clear();
   failures.clear();
   version = driver_version;
+  shared_bytes = 0;
   current = nullptr;
 }
 
 void stub_fail(const char* name, int status) { failures[name] = status; }
 
 void stub_expect_job(size_t size) { job_size = size; }
+
+void stub_share(int bytes) { shared_bytes = bytes; }
 
 const char* stub_job() { return job.data(); }
 
@@ -92,6 +96,19 @@ int cuModuleGetFunction(void** out, void* module, const char* name) {
   int status = record("cuModuleGetFunction", name);
   if (module != reinterpret_cast<void*>(uintptr_t(0x7fff00002000))) return INVALID_VALUE;
   *out = reinterpret_cast<void*>(uintptr_t(0x7fff00003000));
+  return status;
+}
+
+int cuFuncGetAttribute(int* out, int attribute, void* function) {
+  int status = record("cuFuncGetAttribute", std::to_string(attribute));
+  if (function != reinterpret_cast<void*>(uintptr_t(0x7fff00003000))) return INVALID_VALUE;
+  *out = shared_bytes;
+  return status;
+}
+
+int cuFuncSetAttribute(void* function, int attribute, int value) {
+  int status = record("cuFuncSetAttribute", std::to_string(attribute) + " " + std::to_string(value));
+  if (function != reinterpret_cast<void*>(uintptr_t(0x7fff00003000))) return INVALID_VALUE;
   return status;
 }
 

@@ -38,7 +38,7 @@ def machine(stub, monkeypatch):
 def test_where_everything_is_there_it_is_available(machine):
     assert unavailable() == ""
     system = cuda_system()
-    assert system.targets == ("sm_90",)
+    assert (system.targets, system.devices) == (("sm_90",), (0,))
     assert system.driver.version == system.nvrtc.version == (13, 0)
 
 

@@ -49,6 +49,7 @@ def test_the_first_launch_compiles_and_loads_and_the_next_only_launch(stub, cach
         "cuCtxSetCurrent(0)",
         "cuModuleLoadData(cubin)",
         "cuModuleGetFunction(_Zkernel)",
+        "cuFuncGetAttribute(1)",
         "cuLaunchKernel(1200 1 1 256 1 1 0 stream 77)",
     ]
     assert stub.job(ctypes.sizeof(BlendJob)) == bytes(job)
