@@ -53,6 +53,10 @@ class CudaLauncher(Launcher):
         """Only memory of its own GPU."""
         return device.type == "cuda" and device.index == self.device.index
 
+    def captures(self) -> bool:
+        """True while torch captures a CUDA graph on its current stream of the device."""
+        return self.device.capturing()
+
     def prepare(self, kernels: Sequence[Entry]) -> None:
         """Compile in threads what is not loaded yet: NVRTC lets other threads run meanwhile."""
         missing = [entry for entry in kernels if entry[0] not in self._loaded]

@@ -120,6 +120,7 @@ class EmitJob(ctypes.Structure):
         ("tiles", POINTER),
         ("payload", POINTER),
         ("rows", POINTER),
+        ("room", INT64),
         ("numbered", INT),
         ("unused", INT),
     ]
@@ -130,7 +131,8 @@ class TilesJob(ctypes.Structure):
 
     _fields_: ClassVar = [
         ("tiles", POINTER),
-        ("pairs", INT64),
+        ("count", INT64),
+        ("counted", POINTER),
         ("num_tiles", INT),
         ("chunk", INT),
         ("starts", POINTER),

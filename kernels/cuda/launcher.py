@@ -35,6 +35,10 @@ class Launcher(ABC):
         """True if kernels may be given memory of this device."""
         return True
 
+    def captures(self) -> bool:
+        """True if launches are recorded into a CUDA graph, so that the host can read no result."""
+        return False
+
     def prepare(self, kernels: Sequence[Entry]) -> None:  # noqa: B027
         """Compile what will be launched soon, all at once; may leave it to the launches."""
 

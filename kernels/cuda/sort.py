@@ -51,6 +51,7 @@ class DigitsJob(ctypes.Structure):
     _fields_: ClassVar = [
         ("keys", POINTER),
         ("count", INT64),
+        ("counted", POINTER),
         ("fields", DigitField * SORT_PASSES),
         ("passes", INT),
         ("unused", INT),
@@ -65,6 +66,7 @@ class ScatterJob(ctypes.Structure):
         ("keys", POINTER),
         ("payload", POINTER),
         ("count", INT64),
+        ("counted", POINTER),
         ("field", DigitField),
         ("pass", INT),
         ("unused", INT),
@@ -94,6 +96,8 @@ class RadixSort:
     count: int
     bits: int
     """At least 1; each eight of them cost a pass over all keys."""
+    counted: int | None = None
+    """Address of the number of keys, where only the GPU knows it; ``count`` is the most then."""
 
     @property
     def num_words(self) -> int:
@@ -127,7 +131,7 @@ class RadixSort:
         passes = len(fields)
         every = (DigitField * SORT_PASSES)(*fields)
         blocks = self._blocks
-        counting = DigitsJob(given.keys, self.count, every, passes, 0, words)
+        counting = DigitsJob(given.keys, self.count, self.counted, every, passes, 0, words)
         launcher.launch(count[0], min(blocks, COUNT_BLOCKS), THREADS, counting)
         numbers = words + WORD_BYTES * DIGITS * passes
         for number, field in enumerate(fields):
@@ -137,6 +141,7 @@ class RadixSort:
                 given.keys,
                 given.payload,
                 self.count,
+                self.counted,
                 field,
                 number,
                 0,

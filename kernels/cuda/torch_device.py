@@ -39,6 +39,8 @@ class TorchDevice:
 
     def capturing(self) -> bool:
         """True if launches are recorded into a CUDA graph instead of being run."""
+        if self.is_current():
+            return torch.cuda.is_current_stream_capturing()
         with self.selected():  # torch asks the stream of its current device.
             return torch.cuda.is_current_stream_capturing()
 

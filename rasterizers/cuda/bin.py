@@ -13,6 +13,7 @@ from gsfw.kernels.cuda.instances import Instances
 from gsfw.kernels.cuda.launcher import Entry, Launcher
 from gsfw.kernels.cuda.sort import WORD_BYTES, KeyedRows, RadixSort, sort_kernels
 from gsfw.kernels.cuda.source_files import constant
+from gsfw.rasterizers.cuda.pair_rooms import PairRooms
 from gsfw.rasterizers.kernel_backend import TooManyPairs
 
 BIN_THREADS = constant("stages.h", "BIN_THREADS")
@@ -24,6 +25,7 @@ class Pairs:
     """The pairs of an image, sorted, in memory that has room for some more."""
 
     count: int
+    """As many as ``room`` where only the GPU knows it."""
     chunks: int
     """Checkpoints that they can need however tiles divide them; 0 without a backward pass."""
     room: int
@@ -37,7 +39,10 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Binning:
-    """The sorts and what is between them. The host waits once, for the number of pairs."""
+    """The sorts and what is between them. The host waits once, for the number of pairs.
+
+    In a CUDA graph it cannot: the pairs then get the room that ``rooms`` has for them.
+    """
 
     launcher: Launcher
     instances: Instances
@@ -48,6 +53,7 @@ class Binning:
     row_ends: int | None
     """Address that takes the end of each splat's pairs, by row, if pairs are numbered."""
     max_pairs: int
+    rooms: PairRooms
 
     @property
     def _count(self) -> int:
@@ -68,13 +74,20 @@ class Binning:
         Raises:
             TooManyPairs: there are more than ``max_pairs``.
         """
-        count = self._count_pairs(words)
-        if count > self.max_pairs:
-            raise TooManyPairs(count)
-        room = min(capacity(count), self.max_pairs)
+        self._count_pairs(words)
+        grid, captured = self.projected.grid, self.launcher.captures()
+        size = (grid.width, grid.height)
+        if captured:
+            count = room = min(self.rooms.room(size), self.max_pairs)
+            self.rooms.captured(words[0], room)
+        else:
+            count = int(words[0])  # The number that the host waits for.
+            if count > self.max_pairs:
+                raise TooManyPairs(count)
+            room = min(capacity(count), self.max_pairs)
+            self.rooms.seen(size, count, self._device)
         chunk = self.instances.chunk if differentiated else room + 1
         numbered = self.row_ends is not None
-        grid = self.projected.grid
         tiles = grid.columns * grid.rows + 1
         sizes = {
             "rows": (room, torch.int32),
@@ -86,7 +99,7 @@ class Binning:
             sizes |= {"slots": (room, torch.int32), "written_rows": (room, torch.int32)}
         order = self.rows.tensor("order") if numbered else None
         pairs = Pairs(count, count // chunk, room, Arrays(self._device, sizes), order)
-        self._emit_sorted(pairs)
+        self._emit_sorted(pairs, words.data_ptr() if captured else None)
         if numbered:
             slots, written = (pairs.arrays.tensor(name) for name in ("slots", "written_rows"))
             rows = pairs.arrays.tensor("rows")
@@ -117,8 +130,8 @@ class Binning:
     def _count_blocks(self) -> int:
         return -(-self._count // COUNTS_PER_BLOCK)
 
-    def _count_pairs(self, words: Tensor) -> int:
-        """Find where each splat's pairs end; the number of all, for which the host waits."""
+    def _count_pairs(self, words: Tensor) -> None:
+        """Find where each splat's pairs end; the first word takes the number of all."""
         place = words.data_ptr()
         job = jobs.CountsJob(
             order=self.rows.address("order"),
@@ -131,9 +144,9 @@ class Binning:
             words=place + 2 * WORD_BYTES,
         )
         self.launcher.launch(self.instances.sum_counts, self._count_blocks, BIN_THREADS, job)
-        return int(words[0])
 
-    def _emit_sorted(self, pairs: Pairs) -> None:
+    def _emit_sorted(self, pairs: Pairs, counted: int | None) -> None:
+        """Write the pairs and sort them; ``counted``: address of their number in a graph."""
         key, room = self.instances.tile_key, pairs.room
         unsorted = Arrays(
             self._device,
@@ -155,18 +168,19 @@ class Binning:
             tiles=unsorted.address("tiles"),
             payload=unsorted.address("payload"),
             rows=pairs.arrays.address("written_rows"),
+            room=pairs.room,
             numbered=numbered,
         )
         blocks = -(-self._count // BIN_THREADS) if pairs.count else 0
         self.launcher.launch(self.instances.emit, blocks, BIN_THREADS, job)
-        self._sort_by_tile(pairs, unsorted)
+        self._sort_by_tile(pairs, unsorted, counted)
 
-    def _sort_by_tile(self, pairs: Pairs, unsorted: Arrays) -> None:
+    def _sort_by_tile(self, pairs: Pairs, unsorted: Arrays, counted: int | None) -> None:
         """Sort the pairs by tile; find the first pair of each tile, and its chunks."""
         kept, grid = pairs.arrays, self.projected.grid
         num_tiles = grid.columns * grid.rows
         bits = max(1, (num_tiles - 1).bit_length())
-        sort = RadixSort(self.instances.tile_key, pairs.count, bits)
+        sort = RadixSort(self.instances.tile_key, pairs.count, bits, counted)
         blocks = -(-(num_tiles + 1) // BIN_THREADS)
         own = 1 + blocks
         words = torch.zeros(own + sort.num_words, dtype=torch.int64, device=self._device)
@@ -181,7 +195,8 @@ class Binning:
         )
         job = jobs.TilesJob(
             tiles=unsorted.address("sorted_tiles"),
-            pairs=pairs.count,
+            count=pairs.count,
+            counted=counted,
             num_tiles=num_tiles,
             chunk=self.instances.chunk,
             starts=kept.address("starts"),

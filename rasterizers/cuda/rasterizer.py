@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.capabilities import Capabilities, Determinism, Feature
@@ -17,6 +19,7 @@ from gsfw.kernels.cuda.instances import WIDTHS, Instances
 from gsfw.kernels.cuda.launcher import Launcher
 from gsfw.kernels.render_arguments import KernelInputs, KernelOutputs, KernelSettings
 from gsfw.rasterizers.autograd import render
+from gsfw.rasterizers.cuda.pair_rooms import PairRooms
 from gsfw.rasterizers.cuda.stages import (
     SUM_CHANNELS,
     TILE_PIXELS,
@@ -66,6 +69,19 @@ class CudaRasterizer(Rasterizer):
             unavailable=unavailable(),
         )
 
+    @property
+    def can_be_captured(self) -> bool:
+        """True unless the host reads a number: pairs of their own, or times."""
+        return not (self._backend.deterministic or self._backend.measuring)
+
+    def fits(self) -> Bool[Tensor, ""] | None:
+        """True on the device if all images since the last call had room for their pairs."""
+        return self._backend.rooms.fits()
+
+    def make_room(self) -> None:
+        """Give the images of the next graph as many pairs as those of earlier ones have had."""
+        self._backend.rooms.make_room()
+
     def stage_times(self) -> Mapping[str, StageTime]:
         """Project, sort, bin, blend, blend_backward, project_backward; empty unless measured."""
         return dict(self._log)
@@ -82,16 +98,16 @@ class CudaBackend(KernelBackend):
 
     def __init__(self, launcher: Launcher, deterministic: bool, measuring: bool) -> None:
         self._launcher = launcher
-        self._deterministic = deterministic
-        self._measuring = measuring
+        self.deterministic, self.measuring = deterministic, measuring
         self._prepared: set[tuple[Instances, bool]] = set()
+        self.rooms = PairRooms()
 
     def pair_bytes(self, channels: int, element_size: int) -> int:
         """Memory per tile intersection: sorting, checkpoints, and sums if it has its own."""
         dtype = torch.float64 if element_size == torch.float64.itemsize else torch.float32
         blended = Instances(dtype, False, -1, min(channels, MAX_CHANNELS), torch.int16)
         numbers = TILE_PIXELS // blended.chunk * (1 + blended.width)
-        slot = 4 + (SUM_CHANNELS + channels) * element_size if self._deterministic else 0
+        slot = 4 + (SUM_CHANNELS + channels) * element_size if self.deterministic else 0
         return SORTED_BYTES + numbers * element_size + slot
 
     def render(
@@ -118,6 +134,6 @@ class CudaBackend(KernelBackend):
         if kind not in self._prepared:
             self._launcher.prepare(kernels_of(*kind))
             self._prepared.add(kind)
-        clock = StageClock(self._measuring, device)
-        launching = Launching(self._launcher, clock, chosen, self._deterministic)
+        clock = StageClock(self.measuring, device)
+        launching = Launching(self._launcher, clock, chosen, self.deterministic, self.rooms)
         return CudaForwardPass(launching, inputs, settings, outputs)

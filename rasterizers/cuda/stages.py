@@ -24,6 +24,7 @@ from gsfw.kernels.render_arguments import (
     SplatGradients,
 )
 from gsfw.rasterizers.cuda.bin import Binning, bin_kernels, row_arrays
+from gsfw.rasterizers.cuda.pair_rooms import PairRooms
 from gsfw.rasterizers.kernel_backend import ForwardPass
 
 TILE = constant("stages.h", "TILE")
@@ -84,6 +85,7 @@ class Launching:
     instances: Instances
     deterministic: bool
     """True if gradients are summed in a fixed order."""
+    rooms: PairRooms
 
 
 def instances_of(inputs: KernelInputs, settings: KernelSettings) -> Instances:
@@ -127,7 +129,7 @@ class CudaForwardPass(ForwardPass):
     ) -> None:
         self._launcher, self._clock = launching.launcher, launching.clock
         self._instances, self._deterministic = launching.instances, launching.deterministic
-        self._inputs, self._settings = inputs, settings
+        self._rooms, self._inputs, self._settings = launching.rooms, inputs, settings
         self._channels = len(inputs.background)
         self._grid = _grid(settings)
         self._visible, self._radii = outputs.visible, outputs.radii
@@ -183,6 +185,7 @@ class CudaForwardPass(ForwardPass):
             passing,
             self._rows.address("ends"),
             self._settings.max_pairs,
+            self._rooms,
         )
 
     def _view(self) -> jobs.View:

@@ -106,7 +106,7 @@ __device__ __forceinline__ int emit_rows(const EmitJob& job, const TileRow& own,
     const int lane = lane_of(pair, ends);
     const int tile = __shfl_sync(FULL_WARP, first_tile, lane) + pair;
     const int splat = __shfl_sync(FULL_WARP, own.splat, lane);
-    if (pair < pairs) write_pair<Key>(job, begin + pair, tile, splat);
+    if (pair < pairs && begin + pair < job.room) write_pair<Key>(job, begin + pair, tile, splat);
   }
   return pairs;
 }
@@ -136,7 +136,7 @@ __global__ void __launch_bounds__(BIN_THREADS, sizeof(T) > 4 ? 4 : 6) emit(EmitJ
 template <class Key>
 __device__ __forceinline__ int64 first_pair(const TilesJob& job, int64 tile) {
   const Key* tiles = static_cast<const Key*>(job.tiles);
-  int64 low = 0, high = job.pairs;
+  int64 low = 0, high = count_of(job);
   while (low < high) {
     const int64 middle = (low + high) / 2;
     if (int64(tiles[middle]) < tile) {

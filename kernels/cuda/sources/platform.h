@@ -61,6 +61,13 @@ __device__ __forceinline__ N warp_running_sum(N value) {
   return value;
 }
 
+/// Number of elements of a job. Where the host does not know it, ``counted`` has it, of which there
+/// is room for ``count``.
+template <class Job>
+__device__ __forceinline__ int64 count_of(const Job& job) {
+  return job.counted && *job.counted < job.count ? *job.counted : job.count;
+}
+
 /// The smaller of two numbers neither of which is NaN: one instruction.
 __device__ __forceinline__ float least(float a, float b) { return GSFW_ELEMENTARY(fminf)(a, b); }
 __device__ __forceinline__ double least(double a, double b) { return GSFW_ELEMENTARY(fmin)(a, b); }

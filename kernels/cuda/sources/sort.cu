@@ -39,8 +39,8 @@ __global__ void __launch_bounds__(SORT_THREADS) count_digits(DigitsJob job) {
   __shared__ int counts[PASSES * DIGITS];
   for (int i = threadIdx.x; i < PASSES * DIGITS; i += SORT_THREADS) counts[i] = 0;
   __syncthreads();
-  const int64 stride = int64(gridDim.x) * SORT_THREADS;
-  for (int64 i = thread_index(); i < job.count; i += stride) {
+  const int64 stride = int64(gridDim.x) * SORT_THREADS, count = count_of(job);
+  for (int64 i = thread_index(); i < count; i += stride) {
     const Key key = static_cast<const Key*>(job.keys)[i];
 #pragma unroll
     for (int pass = 0; pass < PASSES; ++pass) {
@@ -200,7 +200,8 @@ __global__ void __launch_bounds__(SORT_THREADS, 2) scatter(ScatterJob job) {
     memory.counts[i / DIGITS][i % DIGITS] = 0;
   }
   const int number = take_number(job.next);
-  const KeyBlock block = key_block<Key>(number, job.count);
+  const KeyBlock block = key_block<Key>(number, count_of(job));
+  if (block.count <= 0) return;  // Nor has any later block keys.
   Share<Key> share = rank_keys<Key>(job, block, memory.counts[warp_index()]);
   __syncthreads();
   const DigitRun run = order_digits(memory.counts);

@@ -30,6 +30,8 @@ struct DigitsJob {
   /// Key [n]
   const void* keys;
   int64 count;
+  /// See ``count_of``.
+  const int64* counted;
   DigitField fields[SORT_PASSES];
   int passes;
   int unused;
@@ -44,6 +46,8 @@ struct ScatterJob {
   /// int32 [n]; null where it is the index of the key.
   const int* payload;
   int64 count;
+  /// See ``count_of``.
+  const int64* counted;
   DigitField field;
   /// Number of the pass.
   int pass;

@@ -163,6 +163,8 @@ struct EmitJob {
   int* payload;
   /// int32 [p], by where each pair was written: its row; null unless ``numbered``.
   int* rows;
+  /// Pairs that there is room for; later ones are not written.
+  int64 room;
   int numbered;
   int unused;
 };
@@ -171,7 +173,9 @@ struct EmitJob {
 /// tile.
 struct TilesJob {
   const void* tiles;
-  int64 pairs;
+  int64 count;
+  /// See ``count_of``.
+  const int64* counted;
   int num_tiles;
   /// Pairs of a chunk.
   int chunk;
