@@ -45,6 +45,7 @@ CHANGEABLE = (
     "log_every",
     "cache_mb",
     "gpu_cache_mb",
+    "graph",
     "validation",
     "max_skipped",
     "report",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
 import torch
@@ -107,6 +107,23 @@ class Method(ABC):
             optimizer: freezes parameters, or resets their moments.
             time: time of the step's first view, in [0, 1]; ``None`` for a static capture.
         """
+
+    def graph_key(self, step: int) -> Hashable | None:
+        """What a step depends on besides its batch, its background and the parameters.
+
+        Steps with equal keys launch the same work: on a GPU it is then recorded once and repeated,
+        which saves most of the host's time. Called after ``prepare``. A key promises that the
+        method and its model read nothing else that changes (numbers of steps, own random numbers),
+        and neither wait for the GPU nor move anything to it. It does not hold for a derived class
+        that has other ``losses``, ``render_settings``, ``prepare`` or ``build_model``.
+
+        Args:
+            step: counted from 0.
+
+        Returns:
+            The key; ``None`` if steps have to be run one by one.
+        """
+        return None
 
     def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
         """The method's own metrics of one held-out view, by name, such as a depth error."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float64, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn.functional import linear, relu
@@ -96,8 +96,8 @@ class AdamUpdate:
     """Of the same shape."""
     moments: AdamMoments
     """Its own, with a count of its own; changed in place."""
-    rate: float
-    """Learning rate."""
+    rate: float | Float64[Tensor, ""]
+    """Learning rate; a tensor where a step is recorded, and repeated at other rates."""
     rows: Int[Tensor, " r"] | None = None
     """Only these rows (of the first axis, none negative) and their moments change: the moments of
     the others do not decay, and the bias correction counts steps, not visits. ``None`` for all."""

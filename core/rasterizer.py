@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
@@ -101,6 +101,24 @@ class Rasterizer(ABC):
         sums = self.render(splats, cameras, settings).statistics.contribution
         assert sums is not None, "it was asked for"
         return sums
+
+    @property
+    def can_be_captured(self) -> bool:
+        """True if renders and their backward passes can be captured in CUDA graphs.
+
+        The first render of a size and kind never is.
+        """
+        return False
+
+    def fits(self) -> Bool[Tensor, ""] | None:
+        """Whether all captured images since the last call had enough memory, on the device.
+
+        ``None`` if none was captured. Others are wrong, and further graphs need ``make_room``.
+        """
+        return None
+
+    def make_room(self) -> None:  # noqa: B027
+        """Give further captured images the memory that those before would have needed."""
 
     def stage_times(self) -> Mapping[str, StageTime]:
         """Stage durations of the latest ``render`` and its backward pass; empty if not measured."""

@@ -381,6 +381,7 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
         ),
         random_background=config.random_background and scene.has_alpha,
         max_skipped=config.max_skipped,
+        records_steps=config.graph == "auto",
         pace=config.pace,
         held_back=config.held_back,
     )

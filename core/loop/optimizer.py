@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout
@@ -105,6 +105,15 @@ class Optimizer:
         """All optimized tensors, in the same order in every step."""
         return [tensor for group in self._tensors().values() for tensor in group]
 
+    def places(self) -> tuple[object, ...]:
+        """What changes when tensors or moments get other memory, or others of them are stepped."""
+        tensors = self._tensors()
+        moments = (state for name in tensors for state in self._moments.get(name, ()))
+        held = [tensor for group in tensors.values() for tensor in group]
+        held += [part for state in moments for part in (state.first, state.second, state.count)]
+        places = tuple((tensor.data_ptr(), len(tensor) if tensor.dim() else 1) for tensor in held)
+        return places, tuple(sorted(self._frozen)), self._model.active_bands()
+
     def group_tensors(self) -> list[Tensor]:
         """The optimized tensors that belong to no row, in the same order in every step."""
         return [tensor for group in self._groups() for tensor in group.parameters]
@@ -120,7 +129,11 @@ class Optimizer:
 
     @torch.no_grad()
     def step(
-        self, step: int, finite: Bool[Tensor, ""], visible: Bool[Tensor, " n"] | None = None
+        self,
+        step: int,
+        finite: Bool[Tensor, ""],
+        visible: Bool[Tensor, " n"] | None = None,
+        device_rates: Float64[Tensor, " g"] | None = None,
     ) -> None:
         """Update every parameter that has a gradient.
 
@@ -128,8 +141,12 @@ class Optimizer:
             step: counted from 0; sets the learning rates.
             finite: when false, nothing changes.
             visible: rows that some view of this step saw; used when ``sparse`` is set.
+            device_rates: rates to read on the device in place of those of ``step``, in the order
+                of ``learning_rates``; for a step that is recorded and repeated.
         """
-        rates = self.learning_rates(step)
+        rates: Mapping[str, float | Tensor] = self.learning_rates(step)
+        if device_rates is not None:
+            rates = dict(zip(rates, device_rates.unbind(), strict=True))
         # The host waits here for a GPU's count of these rows, in every step: the cost of sparse.
         rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
         updates: list[AdamUpdate] = []
@@ -146,7 +163,7 @@ class Optimizer:
         self,
         column: Column,
         moments: AdamMoments,
-        rate: float,
+        rate: float | Tensor,
         finite: Tensor,
         rows: Tensor | None,
     ) -> list[AdamUpdate]:
@@ -168,7 +185,7 @@ class Optimizer:
         return [AdamUpdate(values, gradient, moments, rate, rows)]
 
     def _group_updates(
-        self, group: ParameterGroup, rate: float, finite: Tensor
+        self, group: ParameterGroup, rate: float | Tensor, finite: Tensor
     ) -> list[AdamUpdate]:
         """The updates of the tensors of a group that have a gradient; applies weight decay."""
         updates = []

@@ -22,6 +22,7 @@ from gsfw.core.loop.full_memory import memory_full
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
+from gsfw.core.loop.recording import recorder_for
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
 from gsfw.core.loop.stopwatch import Stopwatch
@@ -55,7 +56,8 @@ class Trainer:
         self.train_seconds = 0.0
         self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
-        self._updates = Update(parts, self._stopwatch)
+        recorder = recorder_for(parts.device) if plan.records_steps else None
+        self._updates = Update(parts, self._stopwatch, recorder)
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)

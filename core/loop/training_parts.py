@@ -41,6 +41,8 @@ class TrainingPlan:
     random_background: bool = False
     max_skipped: int = 20
     prefetch_views: int = 4
+    records_steps: bool = False
+    """True if steps may be recorded and repeated, where a GPU and all parts can."""
     resolution: ResolutionSchedule = FULL_SIZE
     """Size of training images; evaluation has full images."""
     pace: tuple[str, ...] = ()

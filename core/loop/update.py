@@ -12,15 +12,21 @@ from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.forward import Forward, RenderedBatch
+from gsfw.core.loop.recording import Recorder
+from gsfw.core.loop.step_graphs import Outcome, StepGraphs, StepInputs
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.render_settings import RenderSettings
 
 
 class Update:
     """Batches -> splats -> render -> decode -> losses -> backward -> step -> observe."""
 
-    def __init__(self, parts: TrainingParts, clock: Stopwatch) -> None:
+    def __init__(
+        self, parts: TrainingParts, clock: Stopwatch, recorder: Recorder | None = None
+    ) -> None:
         self._parts, self._clock = parts, clock
+        self._graphs = None if recorder is None else StepGraphs(parts, recorder)
         self.is_underway = False
         """True from the first change of a parameter on, until the caller has ended the step."""
         self._times = parts.data.views(Split.TRAIN).times
@@ -56,27 +62,63 @@ class Update:
         with clock.stage("load"):
             batches = forward.load(parts.team.own(views), coming, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
-        rendered = self._rendered(forward, batches, views, step)
+        # Every process draws the backgrounds of all batches: their generators stay alike.
+        count = len(views) if parts.team.splits_views else len(batches)
+        settings = forward.settings(step, count)
+        outcome = self._outcome(forward, batches, settings, views, step)
+        with clock.stage("refine"):
+            self._observe(forward, outcome.rendered, views, step, outcome.finite)
+            parts.optimizer.zero_gradients()
+        return outcome.rendered
+
+    def _outcome(
+        self,
+        forward: Forward,
+        batches: Sequence[Batch],
+        settings: Sequence[RenderSettings],
+        views: tuple[int, ...],
+        step: int,
+    ) -> Outcome:
+        """Render the batches of this process and update all parameters, by a graph if possible."""
+
+        def work(inputs: StepInputs, step: int) -> Outcome:
+            return self._worked(forward, [inputs.batch], [inputs.settings], views, step, inputs.rates)
+
+        if self._graphs is None or len(batches) != 1:
+            return self._worked(forward, batches, settings, views, step)
+        return self._graphs.run(StepInputs(batches[0], settings[0]), step, work)
+
+    def _worked(
+        self,
+        forward: Forward,
+        batches: Sequence[Batch],
+        settings: Sequence[RenderSettings],
+        views: tuple[int, ...],
+        step: int,
+        rates: Tensor | None = None,
+    ) -> Outcome:
+        """Render the batches of this process, and update all parameters."""
+        parts, clock = self._parts, self._clock
+        rendered = self._rendered(forward, batches, settings, views, step)
         with clock.stage("optimize"):
             finite = self._complete(rendered)
             visible = self._visible(rendered) if parts.optimizer.sparse else None
             self.is_underway = True
-            parts.optimizer.step(step, finite, visible)
+            parts.optimizer.step(step, finite, visible, rates)
             parts.model.project_()
             parts.corrections.project_()
-        with clock.stage("refine"):
-            self._observe(forward, rendered, views, step, finite)
-            parts.optimizer.zero_gradients()
-        return rendered
+        return Outcome(rendered, finite)
 
     def _rendered(
-        self, forward: Forward, batches: Sequence[Batch], views: tuple[int, ...], step: int
+        self,
+        forward: Forward,
+        batches: Sequence[Batch],
+        settings: Sequence[RenderSettings],
+        views: tuple[int, ...],
+        step: int,
     ) -> list[RenderedBatch]:
         """Run the forward and the backward pass of all batches of this process."""
         parts, clock = self._parts, self._clock
-        # Every process draws the backgrounds of all batches: their generators stay alike.
-        count = len(views) if parts.team.splits_views else len(batches)
-        settings = forward.settings(step, count)
         rendered: list[RenderedBatch] = []
         for place, batch in parts.team.rounds(batches, views):
             item = None
@@ -97,6 +139,8 @@ class Update:
         finite = parts.operators.all_finite([*losses, *parts.optimizer.gradients()])
         finite = parts.team.agreed(finite)
         skipped = ~finite
+        if self._graphs is not None:
+            finite, skipped = self._graphs.fitting(finite)
         self._skipped += skipped
         self._skipped_in_a_row.add_(1).mul_(skipped)
         return finite

@@ -241,7 +241,7 @@ def _stepped(update: AdamUpdate, settings: AdamSettings, finite: Bool[Tensor, ""
         beta1=settings.beta1,
         beta2=settings.beta2,
         bias2=1.0 - settings.beta2**steps,
-        rate=update.rate / (1.0 - settings.beta1**steps),
+        rate=float(update.rate) / (1.0 - settings.beta1**steps),
         epsilon=settings.epsilon,
         gradient_limit=GRADIENT_LIMIT,
         threads=num_threads(),

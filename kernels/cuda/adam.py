@@ -53,12 +53,15 @@ def table_shape(tensor: Tensor) -> TableShape | None:
 def adam_table(update: AdamUpdate, finite: Tensor) -> step_jobs.AdamTable | None:
     """The table of an update but for its first block; ``None`` where kernels do not serve it."""
     values, moments, rows = update.values, update.moments, update.rows
+    rate = update.rate if isinstance(update.rate, Tensor) else None
     tensors = (values, update.gradient, moments.first, moments.second)
     shapes = [table_shape(tensor) for tensor in tensors if tensor.shape == values.shape]
     found = [shape for shape in shapes if shape is not None]
     beside = [(finite, torch.bool), (moments.count, torch.float64)]
     if rows is not None:
         beside.append((rows, torch.int64))
+    if rate is not None:
+        beside.append((rate, torch.float64))
     readable = all(
         tensor.device == values.device and tensor.dtype == dtype and tensor.is_contiguous()
         for tensor, dtype in beside
@@ -74,7 +77,8 @@ def adam_table(update: AdamUpdate, finite: Tensor) -> step_jobs.AdamTable | None
         rows=address(rows),
         count=count if rows is None else len(rows),
         width=width,
-        rate=update.rate,
+        rate=0.0 if rate is not None else float(update.rate),
+        rate_at=address(rate),
         steps=address(moments.count),
         whole=dense and rows is None,
         aligned=all(place % ALIGNMENT == 0 for place in addresses),

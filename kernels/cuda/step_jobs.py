@@ -88,6 +88,7 @@ class AdamTable(ctypes.Structure):
         ("count", INT64),
         ("width", INT64),
         ("rate", DOUBLE),
+        ("rate_at", POINTER),
         ("steps", POINTER),
         ("first_block", INT),
         ("whole", INT),

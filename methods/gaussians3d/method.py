@@ -7,7 +7,7 @@ points that coincide or lie at a camera are skipped.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
@@ -71,6 +71,8 @@ class StaticGaussiansMethod(Method):
         self.config = config
         self._ignore_time = ignore_time
         self._first_degree = 0
+        self._shared_degree: int | None = None
+        """The degree of all splats in this step; ``None`` before the first, or with their own."""
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse captures of several times, and init=points without points.
@@ -217,6 +219,12 @@ class StaticGaussiansMethod(Method):
         _, dssim = context.operators.l1_dssim(rendered, target, valid)
         return {"squared": (1.0 - weight) * squares, "dssim": weight * dssim}
 
+    def graph_key(self, step: int) -> Hashable | None:
+        """The active degree and the phase of the losses; none if each splat has its own degree."""
+        if self._shared_degree is None:
+            return None
+        return self._shared_degree, step < self.config.squared_steps
+
     def state_dict(self) -> dict[str, Any]:
         """The SH degree of a file's splats: a resumed run does not read that file."""
         return {"first_degree": self._first_degree}
@@ -238,3 +246,4 @@ class StaticGaussiansMethod(Method):
         interval = self.config.sh_degree_interval
         scheduled = (step + 1) // interval if interval > 0 else model.degree
         model.active_degree = min(max(scheduled, self._first_degree), model.degree)
+        self._shared_degree = model.active_degree

@@ -17,7 +17,8 @@ __global__ void __launch_bounds__(WARP) begin_adam(AdamJob job) {
   const double steps = *table.steps + 1.0;
   *table.steps = steps;
   T* scales = static_cast<T*>(job.scales) + 2 * index;
-  scales[0] = T(table.rate / (1.0 - GSFW_ELEMENTARY(pow)(job.beta1, steps)));
+  const double rate = table.rate_at ? *table.rate_at : table.rate;
+  scales[0] = T(rate / (1.0 - GSFW_ELEMENTARY(pow)(job.beta1, steps)));
   scales[1] = T(1.0 / (1.0 - GSFW_ELEMENTARY(pow)(job.beta2, steps)));
 }
 

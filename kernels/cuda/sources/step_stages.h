@@ -87,6 +87,8 @@ struct AdamTable {
   /// Numbers of a row, less than 2^31.
   int64 width;
   double rate;
+  /// Where the rate is, if the host does not know it; else null.
+  const double* rate_at;
   /// Steps taken.
   double* steps;
   /// The block of ``adam`` that begins with this table.

@@ -1,0 +1,315 @@
+"""Step graphs: steps that are recorded once, and repeated for other views.
+
+On a small scene the host takes longer to start the kernels of a step than a GPU to run them. What a
+step does between its batch and its new parameters is therefore recorded as one graph, which reads
+its inputs (images, cameras, background, learning rates) where they are copied to. A graph holds for
+one size of images and for one set of rows: after a refinement the first step is run as usual, and
+the second one is recorded.
+
+The number of pairs of a captured image is not known to the host, so its memory may turn out to be
+too small. Such a step changes nothing; its count is read some steps later, and further graphs have
+more room.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, fields, replace
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
+from gsfw.core.loop.forward import RenderedBatch
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.recording import Recorder, Recording
+from gsfw.core.loop.training_parts import TrainingParts
+from gsfw.core.method import Method
+from gsfw.core.refiner import Refiner
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.team import Team
+
+logger = logging.getLogger(__name__)
+
+MOST_GRAPHS = 8
+"""Graphs for the same rows; views of more sizes than this are not recorded."""
+
+LOOK_EVERY = 32
+"""Replays between two looks at the steps that did not fit into their memory."""
+
+RATE_STEPS = 256
+"""Steps whose learning rates are sent to the device at once."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a step leaves behind on the device."""
+
+    rendered: list[RenderedBatch]
+    finite: Tensor
+    """True if the parameters were changed."""
+
+
+@dataclass(frozen=True)
+class StepInputs:
+    """What a step reads that differs from step to step."""
+
+    batch: Batch
+    settings: RenderSettings
+    rates: Float64[Tensor, " g"] | None = None
+    """Learning rates by column and group, where they are on the device."""
+
+    def tensors(self) -> list[Tensor]:
+        """All tensors of the batch, and the background; in the same order each time."""
+        batch, cameras = self.batch, self.batch.cameras
+        found = (batch.images, batch.alpha, batch.mask, cameras.world_to_camera)
+        others = (cameras.intrinsics, cameras.time, cameras.camera_index)
+        every = (*found, *others, self.settings.background)
+        return [tensor for tensor in every if tensor is not None]
+
+    def copied(self) -> StepInputs:
+        """The same in memory of its own."""
+
+        def copy(tensor: Tensor | None) -> Tensor | None:
+            return None if tensor is None else tensor.clone(memory_format=torch.contiguous_format)
+
+        batch, cameras = self.batch, self.batch.cameras
+        values = {item.name: getattr(cameras, item.name) for item in fields(Cameras)}
+        copies = {name: copy(value) for name, value in values.items() if torch.is_tensor(value)}
+        batch = replace(
+            batch,
+            images=batch.images.clone(memory_format=torch.contiguous_format),
+            cameras=replace(cameras, **copies),
+            alpha=copy(batch.alpha),
+            mask=copy(batch.mask),
+        )
+        background = copy(self.settings.background)
+        return StepInputs(batch, replace(self.settings, background=background))
+
+    def kind(self) -> Hashable:
+        """What has to be the same for a graph to hold."""
+        batch, cameras = self.batch, self.batch.cameras
+        shapes = tuple((tensor.shape, tensor.dtype) for tensor in self.tensors())
+        present = (batch.alpha is None, batch.mask is None, batch.mask_mode, cameras.time is None)
+        settings = replace(self.settings, background=None)
+        return shapes, present, cameras.model, cameras.width, cameras.height, settings
+
+
+Work = Callable[[StepInputs, int], Outcome]
+"""A step from its inputs to its outcome, given its number."""
+
+
+@dataclass(frozen=True)
+class _Graph:
+    """A recorded step."""
+
+    recording: Recording
+    inputs: StepInputs
+    outcome: Outcome
+    gradients: list[tuple[Tensor, Tensor | None]]
+    """Of each parameter, for refiners that read them after the step."""
+
+
+class StepGraphs:
+    """Runs steps, by graphs where that can be done."""
+
+    def __init__(self, parts: TrainingParts, recorder: Recorder | None) -> None:
+        """Nothing is recorded yet; nothing ever is without a ``recorder``."""
+        self._parts = parts
+        self._recorder = recorder if _can_be_recorded(parts) else None
+        self._graphs: dict[Hashable, _Graph | None] = {}
+        """By what they hold for; ``None`` after the first such step, which was run as usual."""
+        self._rows: Hashable = None
+        self._rates = _Rates(parts.optimizer, parts.device)
+        self._misfits = torch.zeros((), dtype=torch.int64, device=parts.device)
+        self._look = _Look(self._misfits)
+        self._replays = 0
+
+    def run(self, inputs: StepInputs, step: int, work: Work) -> Outcome:
+        """Run a step, after ``Method.prepare``.
+
+        Args:
+            inputs: of the step.
+            step: its number, counted from 0.
+            work: the step; it reads nothing else that differs from step to step.
+        """
+        kind = self._kind(inputs, step)
+        if kind is None or not self._may_repeat(kind):
+            return work(inputs, step)
+        graph = self._graphs[kind]
+        if graph is None:
+            graph = self._recorded(inputs, step, work)
+            if graph is None:
+                return work(inputs, step)
+            self._graphs[kind] = graph
+        return self._replayed(graph, inputs, step)
+
+    def fitting(self, finite: Tensor) -> tuple[Tensor, Tensor]:
+        """Whether a step may change parameters, and whether it counts as not finite.
+
+        A step whose images did not fit into their memory does neither; it is counted here.
+        """
+        fits = self._parts.rasterizer.fits()
+        if fits is None:
+            return finite, ~finite
+        self._misfits += ~fits
+        return finite & fits, fits & ~finite
+
+    def _kind(self, inputs: StepInputs, step: int) -> Hashable | None:
+        """What a graph of this step would hold for; ``None`` if it cannot be recorded."""
+        parts = self._parts
+        if self._recorder is None or inputs.batch.maps:
+            return None
+        own = graph_key(parts.method, step)
+        if own is None:
+            return None
+        refiners = parts.refiners
+        measured = refiners.statistics(step), refiners.depth(step)
+        return own, measured, inputs.kind()
+
+    def _may_repeat(self, kind: Hashable) -> bool:
+        """True if a step of this kind has been run with the rows that there are."""
+        rows = self._parts.optimizer.places()
+        if rows != self._rows:
+            self._graphs.clear()
+            self._rows = rows
+        if kind in self._graphs:
+            return True
+        if len(self._graphs) < MOST_GRAPHS:
+            self._graphs[kind] = None
+        return False
+
+    def _recorded(self, inputs: StepInputs, step: int, work: Work) -> _Graph | None:
+        """Record a step; ``None``, and no further attempts, where that fails."""
+        assert self._recorder is not None
+        own = replace(inputs.copied(), rates=self._rates.at(step))
+        outcomes: list[Outcome] = []
+        gradients: list[tuple[Tensor, Tensor | None]] = []
+
+        def record() -> None:
+            outcomes.append(_detached(work(own, step)))
+            gradients.extend((leaf, leaf.grad) for leaf in self._parts.optimizer.tensors())
+
+        try:
+            recording = self._recorder.record(record)
+        except RuntimeError as error:
+            self._parts.optimizer.zero_gradients()
+            reason = str(error).partition("\n")[0]
+            logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
+            self._recorder = None
+            return None
+        return _Graph(recording, own, outcomes[0], gradients)
+
+    def _replayed(self, graph: _Graph, inputs: StepInputs, step: int) -> Outcome:
+        torch._foreach_copy_(graph.inputs.tensors(), inputs.tensors())
+        self._rates.at(step)
+        graph.recording.replay()
+        for leaf, gradient in graph.gradients:
+            leaf.grad = gradient
+        self._replays += 1
+        if self._replays % LOOK_EVERY == 0 and self._look.is_higher():
+            self._parts.rasterizer.make_room()
+            self._graphs.clear()
+        (item,) = graph.outcome.rendered
+        batch = replace(item.context.batch, views=inputs.batch.views)
+        context = replace(item.context, step=step, batch=batch)
+        return replace(graph.outcome, rendered=[replace(item, context=context)])
+
+
+class _Rates:
+    """Learning rates on the device: a graph reads them by the number of the step."""
+
+    def __init__(self, optimizer: Optimizer, device: torch.device) -> None:
+        self._optimizer, self._device = optimizer, device
+        self._names: tuple[str, ...] = ()
+        self._begin = 0
+        self._table = torch.empty(0, 0, dtype=torch.float64)
+        self._current = torch.empty(0, dtype=torch.float64)
+
+    def at(self, step: int) -> Float64[Tensor, " g"]:
+        """The rates of a step, always at the same place while columns and groups stay."""
+        rates = self._optimizer.learning_rates(step)
+        place = step - self._begin
+        if tuple(rates) != self._names or not 0 <= place < len(self._table):
+            self._send(step)
+            place = 0
+        self._current.copy_(self._table[place])
+        return self._current
+
+    def _send(self, step: int) -> None:
+        steps = range(step, step + RATE_STEPS)
+        rows = [list(self._optimizer.learning_rates(number).values()) for number in steps]
+        table = torch.tensor(rows, dtype=torch.float64).to(self._device)
+        self._begin, self._table = step, table
+        names = tuple(self._optimizer.learning_rates(step))
+        if names != self._names:
+            self._names, self._current = names, table[0].clone()
+
+
+class _Look:
+    """Reads a count of the device without waiting for the latest steps."""
+
+    def __init__(self, count: Tensor) -> None:
+        self._count, self._known = count, 0
+        on_gpu = count.is_cuda
+        self._told = torch.zeros((), dtype=count.dtype, pin_memory=on_gpu)
+        self._event = torch.cuda.Event() if on_gpu else None
+
+    def is_higher(self) -> bool:
+        """True if the count had grown when this was last called."""
+        if self._event is not None:
+            self._event.synchronize()
+        known, self._known = self._known, int(self._told)
+        self._told.copy_(self._count, non_blocking=True)
+        if self._event is not None:
+            self._event.record()
+        return self._known > known
+
+
+def graph_key(method: Method, step: int) -> Hashable | None:
+    """``Method.graph_key``; ``None`` where a derived class has changed the steps it speaks of."""
+    order = type(method).__mro__
+    place = _place_of("graph_key", order)
+    promised = ("losses", "render_settings", "prepare", "build_model")
+    if any(_place_of(name, order) < place for name in promised):
+        return None
+    return method.graph_key(step)
+
+
+def _place_of(name: str, order: tuple[type, ...]) -> int:
+    return next(place for place, kind in enumerate(order) if name in vars(kind))
+
+
+def _can_be_recorded(parts: TrainingParts) -> bool:
+    """True if the step has only the parts that a graph can have."""
+    corrections = parts.corrections
+    corrected = corrections.exposures is not None or corrections.poses is not None
+    hooks = any(
+        type(refiner).regularizers is not Refiner.regularizers
+        or type(refiner).before_backward is not Refiner.before_backward
+        for refiner in parts.refiners
+    )
+    alone = type(parts.team) is Team and parts.rendered is None and parts.edited is None
+    rasterizer = parts.rasterizer.can_be_captured
+    return rasterizer and alone and not (corrected or hooks or parts.optimizer.sparse)
+
+
+def _detached(outcome: Outcome) -> Outcome:
+    """The same without the graph of autograd, which ends with the step."""
+    return replace(outcome, rendered=[_without_graph(item) for item in outcome.rendered])
+
+
+def _without_graph(item: RenderedBatch) -> RenderedBatch:
+    context = item.context
+    output = context.rendered
+    images = {name: getattr(output, name) for name in ("color", "alpha", "depth", "extra")}
+    context = replace(
+        context,
+        splats=context.splats.map(lambda tensor: tensor.detach()),
+        rendered=replace(output, **{k: v.detach() for k, v in images.items() if v is not None}),
+    )
+    losses = {name: value.detach() for name, value in item.losses.items()}
+    return replace(item, context=context, losses=losses, total=item.total.detach(), by_rows=())
