@@ -34,8 +34,8 @@ from gsfw.rasterizers.kernel_backend import ForwardPass, KernelBackend, StageLog
 MAX_CHANNELS = WIDTHS[-1]
 """Most channels in one pass, those of extra and depth included."""
 
-SORTED_BYTES = 16
-"""Memory per tile intersection while it is sorted: two tiles and two payloads."""
+SORTED_BYTES = 24
+"""Memory per tile intersection while it is sorted: three tiles and three payloads."""
 
 
 class CudaRasterizer(Rasterizer):

@@ -103,7 +103,7 @@ def test_more_pairs_than_allowed_are_refused_with_their_bytes():
     with pytest.raises(ConfigError) as caught:
         emulated(pairs_mb=0.1).render(splats, front_camera(40, 30), smooth)
     assert str(caught.value) == (
-        "this image needs 288000 bytes for 6000 pairs of a splat and a tile that it reaches; "
+        "this image needs 336000 bytes for 6000 pairs of a splat and a tile that it reaches; "
         "rasterizer.pairs_mb=0.1 does not allow that.\n"
         "Render a smaller image, keep splats from growing this large, or raise the limit."
     )
