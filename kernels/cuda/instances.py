@@ -11,6 +11,14 @@ from gsfw.kernels.cuda.launcher import Kernel
 WIDTHS = (1, 2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 40)
 """Numbers of channels that blending is compiled for; others get further channels of 0."""
 
+CHUNKS = {
+    torch.float32: {8: (128, 32), 24: (64, 32), 40: (32, 32)},
+    torch.float64: {8: (64, 32), 40: (32, 32)},
+}
+"""Splats of a tile between two checkpoints, and the threads that share them in the backward pass (32
+or 64), by the most channels that they are for. What a block shares must fit into 48 KB. With fewer
+splats, or more threads, more warps fit on a multiprocessor; fewer splats also mean more checkpoints."""
+
 NAMES = {torch.float32: "float", torch.float64: "double"}
 """Names of number types in C++."""
 
@@ -39,10 +47,13 @@ class Instances:
 
     @property
     def chunk(self) -> int:
-        """Splats of a tile between two checkpoints; what a block shares must fit into 48 KB."""
-        if self.dtype == torch.float64:
-            return 64 if self.width <= 8 else 32
-        return 128 if self.width <= 8 else 64 if self.width <= 24 else 32
+        """Splats of a tile between two checkpoints."""
+        return self._chunk()[0]
+
+    @property
+    def chunk_threads(self) -> int:
+        """Threads that share a chunk in the backward pass."""
+        return self._chunk()[1]
 
     @property
     def project(self) -> Kernel:
@@ -71,7 +82,14 @@ class Instances:
 
     def blend_backward(self, absolute: bool) -> Kernel:
         """From an image's gradient to sums, with or without magnitudes."""
-        return Kernel("blend_backward.cu", f"blend_backward<{self._blended()}, {_bool(absolute)}>")
+        return Kernel(
+            "blend_backward.cu",
+            f"blend_backward<{self._blended()}, {self.chunk_threads}, {_bool(absolute)}>",
+        )
+
+    def _chunk(self) -> tuple[int, int]:
+        chunks = CHUNKS[self.dtype]
+        return chunks[next(widest for widest in chunks if widest >= self.width)]
 
     def _projected(self) -> str:
         name = NAMES[self.dtype]

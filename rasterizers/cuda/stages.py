@@ -38,7 +38,6 @@ SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
 
 PROJECT_THREADS = constant("splat.h", "PROJECT_THREADS")
 BIN_THREADS = constant("stages.h", "BIN_THREADS")
-WARP = constant("platform.h", "WARP")
 
 
 class StageClock:
@@ -342,7 +341,8 @@ class CudaForwardPass(ForwardPass):
         )
         blocks = self._grid.columns * self._grid.rows + len(self._chunk_tiles)
         kernel = self._instances.blend_backward(absolute)
-        self._launcher.launch(kernel, blocks if len(self._pair_rows) else 0, WARP, job)
+        threads = self._instances.chunk_threads
+        self._launcher.launch(kernel, blocks if len(self._pair_rows) else 0, threads, job)
         return sums
 
     def _project_backward(self, gradients: KernelGradients, sums: Tensor) -> None:

@@ -53,7 +53,7 @@ __device__ __forceinline__ T blend_splat(const T* splat, T alpha, int place, T s
   const T weight = alpha * pixel.transmittance;
 #pragma unroll
   for (int c = 0; c < CHANNELS; ++c) {
-    pixel.color[c] = fma(weight, splat[BLEND_CHANNELS + c], pixel.color[c]);
+    pixel.color[c] = fma(weight, splat[Entries<T, CHANNELS, 1>::COLOR + c], pixel.color[c]);
   }
   pixel.transmittance = next;
   return weight;

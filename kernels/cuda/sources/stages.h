@@ -197,7 +197,8 @@ struct BlendJob {
   const int* slots;
 };
 
-/// blend_backward<T, CHANNELS, CHUNK, ABSOLUTE>: the sums that each splat's gradient is made of.
+/// blend_backward<T, CHANNELS, CHUNK, THREADS, ABSOLUTE>: the sums that each splat's gradient is made
+/// of.
 struct BlendBackwardJob {
   BlendJob forward;
   /// T [h, w, channels]

@@ -45,7 +45,9 @@ def test_kernels_are_named_as_c_spells_them():
     assert chosen.emit.expression == "emit<double, uint32>"
     assert chosen.find_tiles.expression == "find_tiles<uint32>"
     assert chosen.blend(measure=False).expression == "blend<double, 4, 64, false>"
-    assert chosen.blend_backward(absolute=True).expression == "blend_backward<double, 4, 64, true>"
+    assert (
+        chosen.blend_backward(absolute=True).expression == "blend_backward<double, 4, 64, 32, true>"
+    )
 
 
 @pytest.mark.parametrize(
