@@ -15,9 +15,13 @@ CHUNKS = {
     torch.float32: {8: (128, 32), 24: (64, 32), 40: (32, 32)},
     torch.float64: {8: (64, 32), 40: (32, 32)},
 }
-"""Splats of a tile between two checkpoints, and the threads that share them in the backward pass (32
-or 64), by the most channels that they are for. What a block shares must fit into 48 KB. With fewer
-splats, or more threads, more warps fit on a multiprocessor; fewer splats also mean more checkpoints."""
+"""Splats of a tile between two checkpoints, and the threads that share them in the backward pass
+(32 or 64), by the most channels that they are for. What a block shares must fit into 48 KB.
+
+With fewer splats, or more threads, more warps fit on a multiprocessor; with fewer splats there are
+more checkpoints. Which is best is to be measured on each GPU: a benchmark may replace an entry
+before its first image.
+"""
 
 NAMES = {torch.float32: "float", torch.float64: "double"}
 """Names of number types in C++."""

@@ -207,7 +207,7 @@ class Compilation:
         )
 
     def _launch_bound(self, kernel: Kernel) -> str:
-        """What the source promises, as C++ spells it: a constant, or an argument of the template."""
+        """What the source promises: a constant, or an argument of the template."""
         name, _, arguments = kernel.expression.rstrip(">").partition("<")
         pattern = (
             r"(?:template <([^>]*)>\s+)?__global__ void "

@@ -217,7 +217,8 @@ struct BlendBackwardJob {
 /// project_backward<T, Shape, DEGREE, RAGGED, POSE>: gradients of the splats and of the camera.
 struct ProjectBackwardJob {
   ProjectJob forward;
-  const void* sums;
+  /// As BlendBackwardJob has them; the first slot of a splat that has many takes their sum.
+  void* sums;
   int sum_stride;
   /// Channels rendered, after which the magnitudes of absgrad follow in ``sums``.
   int channels;
