@@ -419,9 +419,11 @@ __global__ void __launch_bounds__(THREADS, (RESIDENT_CHUNKS<T, CHANNELS, THREADS
   begin_chunk(job.forward, found, memory);
   __syncthreads();
   const ChunkPlace& place = memory.place;
-  for (int subtile = warp_index(); subtile < SUBTILES; subtile += THREADS / WARP) {
+  // 0 where the compiler can know it: what follows is then the same for all threads to it.
+  const int warp = THREADS > WARP ? warp_index() : 0;
+  for (int subtile = warp; subtile < SUBTILES; subtile += THREADS / WARP) {
     backward_subtile<T, CHANNELS, CHUNK, ABSOLUTE>(job, place, subtile, memory.entries,
-                                                   memory.warps[warp_index()]);
+                                                   memory.warps[warp]);
   }
   __syncthreads();
   write_sums(job, place, memory.warps);

@@ -145,7 +145,7 @@ __global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BACKWARD_BLOCKS<T, D
   const bool visible = inside && job.forward.visible[row] != 0;
   const GradientWriter writer{row, add ? visible : inside, add};
   const SlotSums<T> sums = sums_of<T>(job, row, visible);
-  const Camera<T>& camera = camera_of_block<T>(job.forward.view, job.forward.grid);
+  const Camera<T> camera = camera_of<T>(job.forward.view, job.forward.grid);
   channels_backward<T, DEGREE>(job, writer, sums);
 
   Vector3<T> turned{};

@@ -47,7 +47,7 @@ __device__ __forceinline__ Pixel<T> pixel_of(const Grid& grid, int tile, int sub
 enum BlendField { BLEND_U, BLEND_V, BLEND_R, BLEND_WK, BLEND_W, BLEND_LEVEL, BLEND_FIELDS };
 
 /// The least multiple of four that is no less than ``n``: one load of 16 bytes fetches four floats.
-constexpr int whole_fours(int n) { return (n + 3) / 4 * 4; }
+__device__ constexpr int whole_fours(int n) { return (n + 3) / 4 * 4; }
 
 /// A chunk of a tile's splats in shared memory.
 template <class T, int CHANNELS, int CHUNK>

@@ -28,6 +28,8 @@ REGISTERS = {
     "blend": 128,
     "blend<float, 3, 128, false>": 64,
     "blend_backward": 232,
+    "blend_backward<float, 3, 128, 32, false>": 128,
+    "blend_backward<float, 3, 128, 32, true>": 128,
     "emit": 48,
     "find_tiles": 24,
     "count_digits": 24,
