@@ -100,6 +100,7 @@ __device__ __forceinline__ ChunkPlace place_of(const BlendJob& job, int64 item) 
 template <class T, int CHANNELS, int CHUNK>
 __device__ __forceinline__ int list_splats(const Entries<T, CHANNELS, CHUNK + 1>& entries,
                                            int subtile, int count, uint32 (&list)[CHUNK / STEP]) {
+  static_assert(CHUNK <= 255, "A byte holds the number of every splat, and CHUNK for none.");
   uint8* numbers = reinterpret_cast<uint8*>(list);
   int length = 0;
   for (int base = 0; base < count; base += WARP) {

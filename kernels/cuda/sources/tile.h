@@ -78,8 +78,9 @@ __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 
     const Four<T> four = from[i];
     for (int k = 0; k < 4; ++k) splat[4 * i + k] = four.numbers[k];
   }
-  T* to = entries.splats[place];
   const int left = tile % job.grid.columns * TILE, top = tile / job.grid.columns * TILE;
+  entries.subtiles[place] = uint8(subtiles_reached(splat, left, top, job.bounded != 0));
+  T* to = entries.splats[place];
   const T x = splat[SPLAT_X] - T(left + TILE / 2), y = splat[SPLAT_Y] - T(top + TILE / 2);
   to[BLEND_U] = -(splat[SPLAT_R] * x);
   to[BLEND_V] = -fma(splat[SPLAT_W], y, splat[SPLAT_WK] * x);
@@ -89,7 +90,6 @@ __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 
   to[BLEND_LEVEL] = splat[SPLAT_LEVEL];
 #pragma unroll
   for (int c = 0; c < CHANNELS; ++c) to[entries.COLOR + c] = splat[SPLAT_CHANNELS + c];
-  entries.subtiles[place] = uint8(subtiles_reached(splat, left, top, job.bounded != 0));
 }
 
 /// A job's number as a T, converted at this place: the compiler would rather convert it anew in

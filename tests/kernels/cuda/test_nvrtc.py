@@ -25,6 +25,7 @@ MAIN = 90
 REGISTERS = {
     "project": 80,
     "project_backward": 96,
+    "project_backward<float, Axes<float>, 3, true, false>": 128,
     "blend": 128,
     "blend<float, 3, 128, false>": 64,
     "blend_backward": 232,
