@@ -12,6 +12,18 @@ from gsfw.kernels.cuda.launcher import Kernel
 WIDTHS = (1, 2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 40)
 """Numbers of channels that blending is compiled for; others get further channels of 0."""
 
+CHUNKS = {
+    torch.float32: {8: (128, 32), 24: (64, 32), 40: (32, 32)},
+    torch.float64: {8: (64, 32), 40: (32, 32)},
+}
+"""Splats of a tile between two checkpoints, and the threads that share them in the backward pass
+(32 or 64), by the most channels that they are for. What a block shares must fit into 48 KB.
+
+With fewer splats, or more threads, more warps fit on a multiprocessor; with fewer splats there are
+more checkpoints. Which is best is to be measured on each GPU: a benchmark may replace an entry
+before its first image.
+"""
+
 NAMES = {torch.float32: "float", torch.float64: "double"}
 """Names of number types in C++."""
 
@@ -40,10 +52,13 @@ class Instances:
 
     @property
     def chunk(self) -> int:
-        """Splats of a tile between two checkpoints; what a block shares must fit into 48 KB."""
-        if self.dtype == torch.float64:
-            return 64 if self.width <= 8 else 32
-        return 128 if self.width <= 8 else 64 if self.width <= 24 else 32
+        """Splats of a tile between two checkpoints."""
+        return self._chunk()[0]
+
+    @property
+    def chunk_threads(self) -> int:
+        """Threads that share a chunk in the backward pass."""
+        return self._chunk()[1]
 
     @cached_property
     def project(self) -> Kernel:
@@ -87,7 +102,11 @@ class Instances:
 
     @cached_property
     def _blend_backward(self) -> tuple[Kernel, Kernel]:
-        return _both("blend_backward", self._blended())
+        return _both("blend_backward", f"{self._blended()}, {self.chunk_threads}")
+
+    def _chunk(self) -> tuple[int, int]:
+        chunks = CHUNKS[self.dtype]
+        return chunks[next(widest for widest in chunks if widest >= self.width)]
 
     def _projected(self) -> str:
         name = NAMES[self.dtype]

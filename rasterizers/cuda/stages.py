@@ -39,7 +39,6 @@ SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
 """Sums per splat before those of its channels."""
 
 PROJECT_THREADS = constant("splat.h", "PROJECT_THREADS")
-WARP = constant("platform.h", "WARP")
 
 
 class StageClock:
@@ -304,7 +303,7 @@ class CudaForwardPass(ForwardPass):
         )
         kernel = self._instances.blend_backward(absolute)
         blocks = self._num_tiles + pairs.chunks if pairs.count else 0
-        self._launcher.launch(kernel, blocks, WARP, job)
+        self._launcher.launch(kernel, blocks, self._instances.chunk_threads, job)
         return sums
 
     def _project_backward(self, gradients: KernelGradients, sums: Tensor) -> None:

@@ -207,11 +207,20 @@ class Compilation:
         )
 
     def _launch_bound(self, kernel: Kernel) -> str:
-        """What the source promises, which is a constant there; as C++ spells it."""
-        name = re.escape(kernel.expression.split("<")[0])
-        pattern = rf"__launch_bounds__\((\w+)[^)]*\)\s+{name}\("
+        """What the source promises: a constant, or an argument of the template."""
+        name, _, arguments = kernel.expression.rstrip(">").partition("<")
+        pattern = (
+            r"(?:template <([^>]*)>\s+)?__global__ void "
+            rf"__launch_bounds__\((\w+)[^)]*\)\s+{re.escape(name)}\("
+        )
         found = re.search(pattern, self._find(kernel.source).read_text(encoding="utf-8"))
-        return str(MAX_THREADS) if found is None else found.group(1)
+        if found is None:
+            return str(MAX_THREADS)
+        parameters = [
+            parameter.split()[-1] for parameter in (found[1] or "").split(", ") if parameter
+        ]
+        given = dict(zip(parameters, arguments.split(", "), strict=False))
+        return given.get(found[2], found[2])
 
     def _find(self, name: str) -> Path:
         for folder in self.folders:

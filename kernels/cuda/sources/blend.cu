@@ -40,22 +40,20 @@ __device__ __forceinline__ bool sees_through(const PixelState<T, CHANNELS>& pixe
   return pixel.level_min < T(CLOSED);
 }
 
-/// Blend one splat; returns its weight.
+/// Blend one splat; returns its weight. ``place`` is its number among the pairs of the tile.
 template <class T, int CHANNELS>
-__device__ __forceinline__ T blend_splat(const T* splat, T alpha, int place, T stop,
+__device__ __forceinline__ T blend_splat(const T* color, T alpha, int place, T stop,
                                          PixelState<T, CHANNELS>& pixel) {
+  // A splat that would make the pixel opaque is not rendered, nor is any behind. That is selected,
+  // not branched to: a warp is done only when the last of its pixels is.
   const T next = pixel.transmittance * (T(1) - alpha);
-  if (!(next > stop)) {  // It would make the pixel opaque: neither it nor any behind is rendered.
-    pixel.level_min = T(CLOSED);
-    pixel.seen = place;
-    return T(0);
-  }
-  const T weight = alpha * pixel.transmittance;
+  const bool opens = next > stop;
+  const T weight = opens ? alpha * pixel.transmittance : T(0);
 #pragma unroll
-  for (int c = 0; c < CHANNELS; ++c) {
-    pixel.color[c] = fma(weight, splat[BLEND_CHANNELS + c], pixel.color[c]);
-  }
-  pixel.transmittance = next;
+  for (int c = 0; c < CHANNELS; ++c) pixel.color[c] = fma(weight, color[c], pixel.color[c]);
+  if (opens) pixel.transmittance = next;
+  if (!opens) pixel.level_min = T(CLOSED);
+  if (!opens) pixel.seen = place;
   return weight;
 }
 
@@ -73,17 +71,19 @@ __device__ __forceinline__ void blend_chunk(const BlendJob& job,
                                             int count, const Pixel<T>& at,
                                             T pixel_weight, PixelState<T, CHANNELS>& pixel,
                                             T* weights) {
-  const T cap = T(job.alpha_cap), stop = T(job.transmittance_min);
+  const T cap = pinned<T>(job.alpha_cap), stop = pinned<T>(job.transmittance_min);
   for (int base = 0; base < count; base += WARP) {
     if (!__any_sync(FULL_WARP, int(sees_through(pixel)))) return;
     const int own = base + lane_index();
     const uint32 reached = own < count ? entries.subtiles[own] : 0u;
-    uint32 hits = __ballot_sync(FULL_WARP, int(reached >> warp_index() & 1u));
-    for (; hits; hits &= hits - 1u) {
-      const int place = base + __ffs(int(hits)) - 1;
+    // The highest bit is the first splat: one instruction finds it, where the lowest takes two.
+    uint32 hits = __brev(__ballot_sync(FULL_WARP, int(reached >> warp_index() & 1u)));
+    while (hits) {
+      const int bit = WARP - 1 - __clz(int(hits)), place = base + WARP - 1 - bit;
+      hits ^= 1u << bit;
       const T* splat = entries.splats[place];
       const T alpha = alpha_at(splat, at.x, at.y, pixel.level_min, cap);
-      const T weight = blend_splat(splat, alpha, before + place, stop, pixel);
+      const T weight = blend_splat(splat + entries.COLOR, alpha, before + place, stop, pixel);
       if constexpr (MEASURE) {
         const T total = warp_sum(weight * pixel_weight);
         if (lane_index() == 0) weights[place] = total;

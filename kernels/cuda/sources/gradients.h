@@ -36,15 +36,38 @@ struct SlotSums {
   }
 };
 
+/// Splats of more slots than this are summed by a whole warp.
+constexpr int SLOTS_BY_ONE_LANE = 16;
+
+/// Sum ``count`` slots into the first of them, always in the same order. A warp collective.
 template <class T>
-GSFW_FUNCTION SlotSums<T> sums_of(const ProjectBackwardJob& job, int64 row, bool visible) {
-  int64 first = row;
-  int count = visible ? 1 : 0;
-  if (visible && job.slot_ends) {
-    count = job.forward.tile_counts[row];
-    first = job.slot_ends[row] - count;
+__device__ __forceinline__ void fold_slots(T* first, int count, int stride) {
+  for (int field = 0; field < stride; ++field) {
+    T total = T(0);
+    for (int i = lane_index(); i < count; i += WARP) total += first[int64(i) * stride + field];
+    total = warp_sum(total);
+    if (lane_index() == 0) first[field] = total;
   }
-  return {static_cast<const T*>(job.sums) + first * job.sum_stride, count, job.sum_stride};
+}
+
+/// The sums of this thread's row. A warp collective: splats with many slots are summed by the whole
+/// warp, one after the other, lest one lane keep 31 waiting.
+template <class T>
+__device__ __forceinline__ SlotSums<T> sums_of(const ProjectBackwardJob& job, int64 row,
+                                               bool visible) {
+  T* sums = static_cast<T*>(job.sums);
+  if (!job.slot_ends) return {sums + row * job.sum_stride, visible ? 1 : 0, job.sum_stride};
+  int count = visible ? job.forward.tile_counts[row] : 0;
+  const int64 first = visible ? job.slot_ends[row] - count : 0;
+  const bool many = count > SLOTS_BY_ONE_LANE;
+  for (uint32 left = __ballot_sync(FULL_WARP, many); left != 0; left &= left - 1) {
+    const int lane = __ffs(int(left)) - 1;
+    T* slots = sums + __shfl_sync(FULL_WARP, first, lane) * job.sum_stride;
+    fold_slots(slots, __shfl_sync(FULL_WARP, count, lane), job.sum_stride);
+  }
+  __syncwarp();
+  if (many) count = 1;
+  return {sums + first * job.sum_stride, count, job.sum_stride};
 }
 
 /// Writes gradients of one row, or adds to them.

@@ -68,9 +68,14 @@ __device__ __forceinline__ int64 count_of(const Job& job) {
   return job.counted && *job.counted < job.count ? *job.counted : job.count;
 }
 
-/// The smaller of two numbers neither of which is NaN: one instruction.
+/// The smaller and the greater of two numbers, one instruction each; of a number and a NaN, the
+/// number.
 __device__ __forceinline__ float least(float a, float b) { return GSFW_ELEMENTARY(fminf)(a, b); }
 __device__ __forceinline__ double least(double a, double b) { return GSFW_ELEMENTARY(fmin)(a, b); }
+__device__ __forceinline__ float greatest(float a, float b) { return GSFW_ELEMENTARY(fmaxf)(a, b); }
+__device__ __forceinline__ double greatest(double a, double b) {
+  return GSFW_ELEMENTARY(fmax)(a, b);
+}
 
 /// 2 to the power of x; results below the least normal number count as 0.
 __device__ __forceinline__ float power_of_two(float x) {

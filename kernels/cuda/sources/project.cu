@@ -116,10 +116,11 @@ __global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BLOCKS<T, RAGGED>))
     project(ProjectJob job) {
   const int64 row = thread_index();
   const bool inside = row < job.splats.count;
-  const Camera<T> camera = camera_of<T>(job.view, job.grid);
-  const Settings<T> settings = settings_of<T>(job.view);
+  // On its way while the block waits for its camera.
   const Splat<T, Shape> splat =
       load_splat<T, Shape>(job.splats, inside ? row : job.splats.count - 1);
+  const Camera<T>& camera = camera_of_block<T>(job.view, job.grid);
+  const Settings<T> settings = settings_of<T>(job.view);
   const Projection<T> seen = project(splat.mean, splat.shape, splat.opacity, camera, settings);
   const T level = logarithm_of_two(maximum(seen.opacity, T(OPACITY_MIN)));
   const T log_visibility = T(0.6931471805599453) * (level - T(job.level_min));

@@ -13,9 +13,11 @@ namespace gsfw {
 namespace cuda {
 
 /// Blocks that registers must leave room for on a multiprocessor: what is short here is memory, for
-/// which more threads wait in parallel. With this many, no number is kept in local memory.
-template <class T, int DEGREE>
-constexpr int PROJECT_BACKWARD_BLOCKS = sizeof(T) != sizeof(float) ? 4 : DEGREE < 4 ? 10 : 8;
+/// which more threads wait in parallel. With this many, no number is kept in local memory: a ragged
+/// row's place in its array takes registers too.
+template <class T, int DEGREE, bool RAGGED>
+constexpr int PROJECT_BACKWARD_BLOCKS =
+    sizeof(T) != sizeof(float) ? 4 : DEGREE < 4 && !RAGGED ? 10 : 8;
 
 /// The gradient of SH coefficients, and by the mean through the direction they are seen from.
 /// Reached by all lanes.
@@ -137,7 +139,7 @@ __device__ __forceinline__ void write_pose(const PoseGradient<T>& share,
 /// project_backward<T, Shape, DEGREE, RAGGED, POSE>: see ProjectBackwardJob; Shape, DEGREE and
 /// RAGGED as forward, POSE to write ``pose``. Blocks of PROJECT_THREADS.
 template <class T, class Shape, int DEGREE, bool RAGGED, bool POSE>
-__global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BACKWARD_BLOCKS<T, DEGREE>))
+__global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BACKWARD_BLOCKS<T, DEGREE, RAGGED>))
     project_backward(ProjectBackwardJob job) {
   const SplatArrays& splats = job.forward.splats;
   const int64 row = thread_index();

@@ -230,7 +230,8 @@ struct BlendJob {
   const int* slots;
 };
 
-/// blend_backward<T, CHANNELS, CHUNK, ABSOLUTE>: the sums that each splat's gradient is made of.
+/// blend_backward<T, CHANNELS, CHUNK, THREADS, ABSOLUTE>: the sums that each splat's gradient is made
+/// of.
 struct BlendBackwardJob {
   BlendJob forward;
   /// T [h, w, channels]
@@ -249,7 +250,8 @@ struct BlendBackwardJob {
 /// project_backward<T, Shape, DEGREE, RAGGED, POSE>: gradients of the splats and of the camera.
 struct ProjectBackwardJob {
   ProjectJob forward;
-  const void* sums;
+  /// As BlendBackwardJob has them; the first slot of a splat that has many takes their sum.
+  void* sums;
   int sum_stride;
   /// Channels rendered, after which the magnitudes of absgrad follow in ``sums``.
   int channels;

@@ -43,14 +43,20 @@ __device__ __forceinline__ Pixel<T> pixel_of(const Grid& grid, int tile, int sub
 }
 
 /// Fields of a splat for blending, in order: u and v at the middle of the tile; r, -w k
-/// and w of the whitening; level; then the channels.
-enum BlendField { BLEND_U, BLEND_V, BLEND_R, BLEND_WK, BLEND_W, BLEND_LEVEL, BLEND_CHANNELS };
+/// and w of the whitening; level. The channels follow.
+enum BlendField { BLEND_U, BLEND_V, BLEND_R, BLEND_WK, BLEND_W, BLEND_LEVEL, BLEND_FIELDS };
+
+/// The least multiple of four that is no less than ``n``: one load of 16 bytes fetches four floats.
+__device__ constexpr int whole_fours(int n) { return (n + 3) / 4 * 4; }
 
 /// A chunk of a tile's splats in shared memory.
 template <class T, int CHANNELS, int CHUNK>
 struct Entries {
-  /// A multiple of four numbers, which one load of 16 bytes fetches.
-  static constexpr int STRIDE = (BLEND_CHANNELS + CHANNELS + 3) / 4 * 4;
+  static constexpr int STRIDE = whole_fours(BLEND_FIELDS + CHANNELS);
+  /// The first channel, with as many others in its four as have room there.
+  static constexpr int COLOR = STRIDE - whole_fours(CHANNELS) < BLEND_FIELDS
+                                   ? int(BLEND_FIELDS)
+                                   : STRIDE - whole_fours(CHANNELS);
 
   __align__(16) T splats[CHUNK][STRIDE];
   /// Bit s: the splat may reach subtile s.
@@ -72,8 +78,9 @@ __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 
     const Four<T> four = from[i];
     for (int k = 0; k < 4; ++k) splat[4 * i + k] = four.numbers[k];
   }
-  T* to = entries.splats[place];
   const int left = tile % job.grid.columns * TILE, top = tile / job.grid.columns * TILE;
+  entries.subtiles[place] = uint8(subtiles_reached(splat, left, top, job.bounded != 0));
+  T* to = entries.splats[place];
   const T x = splat[SPLAT_X] - T(left + TILE / 2), y = splat[SPLAT_Y] - T(top + TILE / 2);
   to[BLEND_U] = -(splat[SPLAT_R] * x);
   to[BLEND_V] = -fma(splat[SPLAT_W], y, splat[SPLAT_WK] * x);
@@ -82,8 +89,18 @@ __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 
   to[BLEND_W] = splat[SPLAT_W];
   to[BLEND_LEVEL] = splat[SPLAT_LEVEL];
 #pragma unroll
-  for (int c = 0; c < CHANNELS; ++c) to[BLEND_CHANNELS + c] = splat[SPLAT_CHANNELS + c];
-  entries.subtiles[place] = uint8(subtiles_reached(splat, left, top, job.bounded != 0));
+  for (int c = 0; c < CHANNELS; ++c) to[entries.COLOR + c] = splat[SPLAT_CHANNELS + c];
+}
+
+/// A job's number as a T, converted at this place: the compiler would rather convert it anew in
+/// every turn of a loop, slowly, than keep a register for it.
+template <class T>
+__device__ __forceinline__ T pinned(double number) {
+  T converted = T(number);
+#ifdef __CUDA_ARCH__
+  if constexpr (sizeof(T) == sizeof(float)) asm volatile("" : "+f"(converted));
+#endif
+  return converted;
 }
 
 /// u and v of a splat, scaled for binary, at a pixel.

@@ -25,6 +25,17 @@ GSFW_FUNCTION Camera<T> camera_of(const View& view, const Grid& grid) {
   return camera;
 }
 
+/// The same in shared memory, for all threads of a block, which must reach this together: the six
+/// divisions of the slope limits are done by one of them, and no thread keeps 27 numbers in
+/// registers of its own.
+template <class T>
+__device__ __forceinline__ const Camera<T>& camera_of_block(const View& view, const Grid& grid) {
+  __shared__ Camera<T> camera;
+  if (threadIdx.x == 0) camera = camera_of<T>(view, grid);
+  __syncthreads();
+  return camera;
+}
+
 /// The conventions of a view.
 template <class T>
 GSFW_FUNCTION Settings<T> settings_of(const View& view) {

@@ -20,14 +20,16 @@ def instances(dtype: torch.dtype, channels: int) -> Instances:
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_memory_of_a_chunk_fits(width, dtype):
-    size, chunk = dtype.itemsize, instances(dtype, width).chunk
-    stride = -(-(6 + width) // 4) * 4
-    entries = chunk * stride * size + chunk
+    chosen = instances(dtype, width)
+    size, chunk = dtype.itemsize, chosen.chunk
+    row = -(-(6 + width) // 4) * 4 * size + 1
+    assert chunk * row + 8 * chunk * size <= SHARED_BYTES  # Forward, with contributions.
     sums = chunk * ((6 + width + 2) | 1) * size
-    group = 2 * 16 * 33 * size
-    pixels = (width + chunk // 16) * 32 * size
-    assert entries + sums + group + pixels + chunk <= SHARED_BYTES
-    assert entries + 8 * chunk * size <= SHARED_BYTES  # Forward, with contributions.
+    shares = 16 * 33 * 2 * size
+    pixels = (-(-width // 4) * 4 + chunk // 16) * 32 * size
+    entries, place = (chunk + 1) * row, 48
+    warps = chosen.chunk_threads // 32
+    assert entries + place + warps * (sums + shares + pixels + chunk) + 64 <= SHARED_BYTES
 
 
 def test_channels_are_drawn_by_the_narrowest_instance_that_holds_them():
@@ -46,7 +48,9 @@ def test_kernels_are_named_as_c_spells_them():
     assert chosen.emit.expression == "emit<double, uint32>"
     assert chosen.find_tiles.expression == "find_tiles<uint32>"
     assert chosen.blend(measure=False).expression == "blend<double, 4, 64, false>"
-    assert chosen.blend_backward(absolute=True).expression == "blend_backward<double, 4, 64, true>"
+    assert (
+        chosen.blend_backward(absolute=True).expression == "blend_backward<double, 4, 64, 32, true>"
+    )
 
 
 def test_images_of_one_kind_share_their_kernels():

@@ -25,9 +25,12 @@ MAIN = 90
 REGISTERS = {
     "project": 80,
     "project_backward": 96,
+    "project_backward<float, Axes<float>, 3, true, false>": 128,
     "blend": 128,
     "blend<float, 3, 128, false>": 64,
     "blend_backward": 232,
+    "blend_backward<float, 3, 128, 32, false>": 128,
+    "blend_backward<float, 3, 128, 32, true>": 128,
     "emit": 48,
     "find_tiles": 40,
     "sum_counts": 48,

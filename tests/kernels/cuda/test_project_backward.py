@@ -25,10 +25,13 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
+from gsfw.kernels.cuda.source_files import constant
 from gsfw.kernels.render_arguments import POSE_FIELDS
 from gsfw.rasterizers.cuda.stages import SPLAT_CHANNELS, SUM_CHANNELS
 from gsfw.studies.stress.catalogue import CHANGES
 from gsfw.studies.stress.catalogue.views import CAMERAS
+
+SLOTS_BY_ONE_LANE = constant("gradients.h", "SLOTS_BY_ONE_LANE")
 
 BINARY = math.sqrt(0.5 / math.log(2))
 """By how much u and v are larger where alpha is a power of two."""
@@ -146,6 +149,7 @@ def test_a_further_camera_adds_to_the_gradients(name):
 def test_slots_are_summed_row_by_row(name):
     scene = scene_of(name)
     projection = projected(scene)
+    projection.tile_counts[::3] *= 5 * SLOTS_BY_ONE_LANE  # Summed by a whole warp, if visible.
     counts = projection.tile_counts.long()
     order = torch.randperm(len(counts), generator=torch.Generator().manual_seed(0))
     ends = torch.empty_like(counts)
