@@ -19,8 +19,10 @@ FIGURES = {
 }
 """Of `gsfw bench`."""
 
-OWN_STEPS = {"own_step": "step", "own_sparse_step": "sparse_step"}
-"""Steps as gsplat's own trainer does them, and what ours they are set against."""
+OWN_STEPS = {"own_step": ("step", "graph_step"), "own_sparse_step": ("sparse_step",)}
+"""Steps as gsplat's own trainer does them, and the steps of ours that they are set against."""
+
+OURS = {"graph_step": "training step, ours as a CUDA graph"}
 
 LOG_LINES = 200
 """Last lines of each log that are kept."""
@@ -157,9 +159,9 @@ def _drawing_rows(part: str, found: Mapping[str, Any]) -> Iterator[Row]:
         for key, words in FIGURES.items():
             if f"{key}_ms" in other:
                 yield _compared(part, f"{words}, {name}", ours, other, key, key)
-        for key, against in OWN_STEPS.items():
-            if f"{key}_ms" in other:
-                words = f"{FIGURES[against]}: as gsplat's trainer does it (SSIM: "
+        for key, against in ((key, mine) for key, every in OWN_STEPS.items() for mine in every):
+            if f"{key}_ms" in other and f"{against}_ms" in ours:
+                words = f"{(FIGURES | OURS)[against]}: as gsplat's trainer does it (SSIM: "
                 words += f"{found.get('own_step_ssim', 'unknown')})"
                 yield _compared(part, words, ours, other, against, key)
         for key, whole in (("image", "an image"), ("step", "a step")):

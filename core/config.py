@@ -323,7 +323,7 @@ class MethodConfig(ABC):
     gpu_cache_mb: int = number(2048, at_least=0)
     """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
     graph: str = AUTO
-    """auto: steps on a GPU are recorded as CUDA graphs, which saves host time; off: they are not."""
+    """auto: record steps on a GPU as CUDA graphs, which saves time of the host; off: do not."""
     resolution_schedule: str = "none"
     """Size of training images: none (full), or auto (small until they lack detail; faster)."""
     resolution_steps: int = steps_field(9000)

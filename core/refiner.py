@@ -108,6 +108,10 @@ class Refiner(ABC):
     """False if ``observe`` reads statistics, views and shares alone. In a training with several
     processes the images of the others are then not sent to this one."""
 
+    can_be_recorded: ClassVar[bool] = False
+    """True if ``regularizers`` and ``before_backward`` do the same work in every step, from the
+    parameters alone: the step may then be recorded on a GPU, and repeated. A refiner that has
+    neither need not say so."""
     divisible: ClassVar[bool] = True
     """False if it reads more of the model than ``DensifiableModel`` has, such as columns: the rows
     then cannot be divided among processes (shards=N)."""

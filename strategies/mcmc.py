@@ -81,6 +81,7 @@ class MarkovChainMonteCarlo(DensityRefiner):
 
     name = "mcmc"
     reads_images = False
+    can_be_recorded = True
 
     def __init__(self, config: McmcConfig) -> None:
         super().__init__(

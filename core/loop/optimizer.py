@@ -108,7 +108,7 @@ class Optimizer:
     def places(self) -> tuple[object, ...]:
         """What changes when tensors or moments get other memory, or others of them are stepped."""
         tensors = self._tensors()
-        moments = (state for name in tensors for state in self._moments.get(name, ()))
+        moments = (state for name in tensors for state in self.moments(name))
         held = [tensor for group in tensors.values() for tensor in group]
         held += [part for state in moments for part in (state.first, state.second, state.count)]
         places = tuple((tensor.data_ptr(), len(tensor) if tensor.dim() else 1) for tensor in held)

@@ -15,14 +15,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.batch import Batch
-from gsfw.core.cameras import Cameras
 from gsfw.core.loop.forward import RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.recording import Recorder, Recording
@@ -72,21 +71,23 @@ class StepInputs:
 
     def copied(self) -> StepInputs:
         """The same in memory of its own."""
-
-        def copy(tensor: Tensor | None) -> Tensor | None:
-            return None if tensor is None else tensor.clone(memory_format=torch.contiguous_format)
-
         batch, cameras = self.batch, self.batch.cameras
-        values = {item.name: getattr(cameras, item.name) for item in fields(Cameras)}
-        copies = {name: copy(value) for name, value in values.items() if torch.is_tensor(value)}
+        cameras = replace(
+            cameras,
+            world_to_camera=_copy(cameras.world_to_camera),
+            intrinsics=_copy(cameras.intrinsics),
+            time=None if cameras.time is None else _copy(cameras.time),
+            camera_index=None if cameras.camera_index is None else _copy(cameras.camera_index),
+        )
         batch = replace(
             batch,
-            images=batch.images.clone(memory_format=torch.contiguous_format),
-            cameras=replace(cameras, **copies),
-            alpha=copy(batch.alpha),
-            mask=copy(batch.mask),
+            images=_copy(batch.images),
+            cameras=cameras,
+            alpha=None if batch.alpha is None else _copy(batch.alpha),
+            mask=None if batch.mask is None else _copy(batch.mask),
         )
-        background = copy(self.settings.background)
+        given = self.settings.background
+        background = None if given is None else _copy(given)
         return StepInputs(batch, replace(self.settings, background=background))
 
     def kind(self) -> Hashable:
@@ -291,10 +292,15 @@ def _can_be_recorded(parts: TrainingParts) -> bool:
         type(refiner).regularizers is not Refiner.regularizers
         or type(refiner).before_backward is not Refiner.before_backward
         for refiner in parts.refiners
+        if not refiner.can_be_recorded
     )
     alone = type(parts.team) is Team and parts.rendered is None and parts.edited is None
     rasterizer = parts.rasterizer.can_be_captured
     return rasterizer and alone and not (corrected or hooks or parts.optimizer.sparse)
+
+
+def _copy(tensor: Tensor) -> Tensor:
+    return tensor.clone(memory_format=torch.contiguous_format)
 
 
 def _detached(outcome: Outcome) -> Outcome:

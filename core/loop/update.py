@@ -82,7 +82,9 @@ class Update:
         """Render the batches of this process and update all parameters, by a graph if possible."""
 
         def work(inputs: StepInputs, step: int) -> Outcome:
-            return self._worked(forward, [inputs.batch], [inputs.settings], views, step, inputs.rates)
+            return self._worked(
+                forward, [inputs.batch], [inputs.settings], views, step, inputs.rates
+            )
 
         if self._graphs is None or len(batches) != 1:
             return self._worked(forward, batches, settings, views, step)

@@ -19,6 +19,7 @@ class OpacityPenalty(Refiner):
     """Adds the weighted mean opacity to the loss; edits no rows."""
 
     name = "opacity-penalty"
+    can_be_recorded = True
 
     def __init__(self, weight: float) -> None:
         """Store the weight, above 0."""

@@ -9,6 +9,7 @@ from functools import partial
 
 import torch
 
+from gsfw.core.loop.recording import Recording, recorder_for
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.loading import choose_operators, load_all
 from gsfw.plugins.registry import Registry
@@ -69,6 +70,8 @@ class Bench:
             for entrant in entrants
             if isinstance(entrant.rasterizer, GsplatRasterizer)
         }
+        self._recorder = recorder_for(self.device)
+        self._recordings: dict[str, Recording] = {}
         cameras = workload.cameras
         shape = (len(cameras), cameras.height, cameras.width, workload.splats.channels)
         gradient = torch.randn(shape, generator=torch.Generator().manual_seed(SEED))
@@ -107,8 +110,18 @@ class Bench:
         if self._sparse_step:
             run = self._sparse_step.run
             steps["sparse_step"] = partial(run, entrant.rasterizer, entrant.settings)
+        if self._recorder is not None and entrant.rasterizer.can_be_captured:
+            steps["graph_step"] = self._recorded(entrant).replay
         own = self._own_steps.get(entrant.name, {})
         return steps | {name: step.run for name, step in own.items()}
+
+    def _recorded(self, entrant: Entrant) -> Recording:
+        """The training step as a graph; it has been run before."""
+        if entrant.name not in self._recordings:
+            assert self._recorder is not None
+            step = partial(self._step.run, entrant.rasterizer, entrant.settings)
+            self._recordings[entrant.name] = self._recorder.record(step)
+        return self._recordings[entrant.name]
 
     @contextmanager
     def _peak(self, setup: Setup, name: str) -> Iterator[None]:

@@ -1,0 +1,203 @@
+"""Steps that are recorded once and repeated; on the emulation, with a tape for a CUDA graph."""
+
+import logging
+from dataclasses import replace
+
+import pytest
+import torch
+from support.native_programs import compiler
+from support.tape import TapeLauncher, TapeRecorder
+
+from gsfw.core import render_output
+from gsfw.core.callback import RunInfo
+from gsfw.core.datamanager import Split
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.step_graphs import graph_key
+from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.update import Update
+from gsfw.core.table import SplatTable
+from gsfw.kernels.cuda.operators import CudaOperators
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
+from gsfw.plugins.compose import compose
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
+
+SETTINGS = {
+    **{"method": "3dgs", "rasterizer": "reference", "steps": "40", "strategy": "adc"},
+    **{"sh_degree": "1", "sh_degree_interval": "4", "log_every": "1000", "max_skipped": "1000"},
+    **{"datamanager.views": "5", "datamanager.eval_views": "1", "datamanager.points": "60"},
+    **{"datamanager.width": "40", "datamanager.height": "32"},
+}
+
+REFINING = {"strategy.refine_start": "5", "strategy.refine_every": "6"}
+
+# Whole runs; shapes are checked by the tests of the parts.
+pytestmark = pytest.mark.unchecked
+
+
+@pytest.fixture(autouse=True)
+def unknown_to_the_host(monkeypatch):
+    """On a GPU the host does not know whether a step was finite."""
+    compiler()
+    monkeypatch.setattr(render_output, "known_by_host", lambda flag: False)
+
+
+class Run:
+    """A run whose images, losses and steps come from the CUDA kernels, on the emulation."""
+
+    def __init__(self, folder, recorded: bool, **settings: str) -> None:
+        layers = [Layer(COMMAND_LINE, SETTINGS | settings)]
+        composition = compose(resolve(installed(), layers), installed())
+        launcher = TapeLauncher()
+        operators = CudaOperators(launcher)
+        parts = composition.parts
+        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings())
+        self.rasterizer = CudaRasterizer(launcher)
+        self.parts = replace(
+            parts,
+            optimizer=self.optimizer,
+            table=SplatTable(parts.model, self.optimizer),
+            rasterizer=self.rasterizer,
+            operators=operators,
+        )
+        info = RunInfo(folder, "3dgs", "test", 40, 0, {}, {})
+        self.trainer = Trainer(self.parts, composition.plan, RunFolder(folder), info)
+        self.recorder = TapeRecorder(launcher, self.state)
+        if recorded:
+            self.trainer._updates = Update(self.parts, self.trainer._stopwatch, self.recorder)
+
+    def state(self) -> list[torch.Tensor]:
+        """All that a step changes."""
+        updates, optimizer = self.trainer._updates, self.optimizer
+        moments = [part for name in optimizer._moments for part in optimizer.moments(name)]
+        held = [tensor for part in moments for tensor in (part.first, part.second, part.count)]
+        held += [updates._skipped, updates._skipped_in_a_row, updates._graphs._misfits]
+        return [*self.optimizer.tensors(), *held, self.rasterizer._backend.rooms._needed]
+
+    def steps(self, count: int) -> list[float]:
+        """Do some steps; the loss of each."""
+        losses = []
+        for _ in range(count):
+            rendered = self.trainer._updates.run
+            found = []
+
+            def run(*args, rendered=rendered, found=found):
+                found.extend(rendered(*args))
+                return found
+
+            self.trainer._updates.run = run
+            self.trainer._one_step()
+            del self.trainer._updates.run
+            losses.append(sum(float(value.detach()) for value in found[0].losses.values()))
+        return losses
+
+    def columns(self) -> dict[str, torch.Tensor]:
+        return {name: c.values.detach() for name, c in self.parts.model.columns().items()}
+
+
+def test_recorded_steps_train_as_others_do(tmp_path):
+    usual = Run(tmp_path / "usual", False, **REFINING)
+    recorded = Run(tmp_path / "recorded", True, **REFINING)
+    expected, found = usual.steps(24), recorded.steps(24)
+    # Sums over pixels come in another order. Where a gradient is nothing but rounding, Adam makes a
+    # whole step of its sign, so that runs part slowly.
+    assert found[:5] == pytest.approx(expected[:5], rel=1e-5)
+    assert found == pytest.approx(expected, rel=0.02)
+    assert len(recorded.parts.table) == len(usual.parts.table) > 60
+    # Rows are edited after steps 12, 18 and 24, and the degree rises after step 3: each time a step
+    # is run as usual, and the next one is recorded.
+    assert 3 <= recorded.recorder.recorded <= 6
+    assert recorded.trainer._updates.skipped == 0
+
+
+def test_views_pass_through_a_recording(tmp_path):
+    run = Run(tmp_path, True, strategy="none", sh_degree_interval="1")
+    seen = []
+    for _ in range(12):
+        views = run.trainer.walk.next_views(run.parts.sampler, run.trainer.step)
+        (item,) = run.trainer._updates.run(run.trainer.plan, views, (), run.trainer.step)
+        run.trainer.step += 1
+        assert item.context.batch.views == views
+        assert item.context.step == run.trainer.step - 1
+        view = run.parts.data.load(Split.TRAIN, views, torch.device("cpu"))[0]
+        expected = view.target(run.trainer.plan.settings.background)
+        assert torch.equal(item.context.target, expected)
+        seen.append(views[0])
+    assert set(seen) == set(range(5))
+    assert run.recorder.recorded == 1
+
+
+def test_a_step_without_room_changes_nothing_and_later_ones_have_it(tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.core.loop.step_graphs.LOOK_EVERY", 1)
+    run = Run(tmp_path, True, strategy="none", sh_degree_interval="1")
+    run.steps(1)
+    rooms = run.rasterizer._backend.rooms
+    rooms._most = dict.fromkeys(rooms._most, 1)
+    before = run.columns()["means"].clone()
+    run.steps(1)
+    assert torch.equal(run.columns()["means"], before)
+    assert run.trainer._updates.skipped == 0
+    run.steps(3)  # One to be told, one as usual, and one that is recorded with more room.
+    assert rooms._most[40, 32] > 1
+    before = run.columns()["means"].clone()
+    run.steps(1)
+    assert not torch.equal(run.columns()["means"], before)
+    assert run.recorder.recorded == 2
+
+
+def test_what_cannot_be_recorded_is_run_as_usual_and_told_once(tmp_path, caplog):
+    run = Run(tmp_path, True, strategy="none")
+
+    def refuse(work):
+        raise RuntimeError("operation not permitted when stream is capturing\nmore")
+
+    run.recorder.record = refuse
+    with caplog.at_level(logging.WARNING):
+        losses = run.steps(5)
+    assert len(losses) == 5
+    (record,) = caplog.records
+    assert record.getMessage().endswith("operation not permitted when stream is capturing")
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"exposure": "true"}, {"sh": "adaptive"}],
+)
+def test_parts_with_hooks_of_their_own_are_not_recorded(tmp_path, settings):
+    run = Run(tmp_path, True, **settings)
+    run.steps(4)
+    assert run.recorder.recorded == 0
+
+
+@pytest.mark.parametrize("settings", [{"strategy": "mcmc"}, {"opacity_penalty": "0.01"}])
+def test_terms_of_the_parameters_are_recorded(tmp_path, settings):
+    run = Run(tmp_path, True, **settings)
+    run.steps(3)
+    assert run.recorder.recorded == 1
+
+
+def test_a_derived_method_has_to_promise_for_itself():
+    class Same(StaticGaussiansMethod):
+        pass
+
+    class Other(StaticGaussiansMethod):
+        def losses(self, context):
+            return {}
+
+    class Promising(Other):
+        def graph_key(self, step):
+            return "mine"
+
+    config = StaticGaussiansConfig()
+    for kind, known in (
+        (StaticGaussiansMethod, True),
+        (Same, True),
+        (Other, False),
+        (Promising, True),
+    ):
+        method = kind(config)
+        method._shared_degree = 0
+        assert (graph_key(method, 0) is not None) is known

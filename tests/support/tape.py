@@ -1,0 +1,82 @@
+"""A tape: records what is launched and dispatched, and repeats it, as a CUDA graph does on a GPU."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+from emulation.launcher import EmulatedLauncher
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
+
+from gsfw.core.loop.recording import Recorder
+from gsfw.kernels.cuda.launcher import Kernel, Launcher
+
+
+class Tape(TorchDispatchMode):
+    """Everything in order; what it has once allocated stays."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.calls: list[Callable[[], None]] = []
+
+    def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None):
+        named = kwargs or {}
+        if function in (torch.ops.aten._local_scalar_dense.default, torch.ops.aten.nonzero.default):
+            raise RuntimeError("the host reads a number, which a graph does not allow")
+        first = function(*args, **named)
+
+        def repeat() -> None:
+            again = function(*args, **named)
+            for old, new in zip(tree_leaves(first), tree_leaves(again), strict=True):
+                if isinstance(old, Tensor) and old.data_ptr() != new.data_ptr():
+                    old.copy_(new)
+
+        self.calls.append(repeat)
+        return first
+
+    def replay(self) -> None:
+        with torch.no_grad():
+            for call in self.calls:
+                call()
+
+
+class TapeLauncher(Launcher):
+    """The emulation, whose launches go onto the tape that is recording."""
+
+    def __init__(self) -> None:
+        self.tape: Tape | None = None
+        self._launcher = EmulatedLauncher(seed=1)
+
+    def captures(self) -> bool:
+        return self.tape is not None
+
+    def launch(self, kernel: Kernel, blocks: int, threads: int, job: ctypes.Structure) -> None:
+        if self.tape is not None:
+            kept = type(job).from_buffer_copy(job)
+            launch = self._launcher.launch
+            self.tape.calls.append(lambda: launch(kernel, blocks, threads, kept))
+        self._launcher.launch(kernel, blocks, threads, job)
+
+
+class TapeRecorder(Recorder):
+    """Recordings that leave the state as it was, since a graph does not run what it records."""
+
+    def __init__(self, launcher: TapeLauncher, state: Callable[[], Sequence[Tensor]]) -> None:
+        self.recorded = 0
+        self._launcher, self._state = launcher, state
+
+    def record(self, work: Callable[[], None]) -> Tape:
+        held = [(tensor, tensor.detach().clone()) for tensor in self._state()]
+        tape = self._launcher.tape = Tape()
+        try:
+            with tape:
+                work()
+        finally:
+            self._launcher.tape = None
+            with torch.no_grad():
+                for tensor, before in held:
+                    tensor.copy_(before)
+        self.recorded += 1
+        return tape
