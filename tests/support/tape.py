@@ -1,4 +1,4 @@
-"""A tape: records what is launched and dispatched, and repeats it, as a CUDA graph does on a GPU."""
+"""A tape: records what is launched and dispatched, and repeats it, as a CUDA graph does."""
 
 import ctypes
 from collections.abc import Callable, Sequence
