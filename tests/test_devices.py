@@ -71,6 +71,14 @@ def test_both_devices_train_to_the_same_quality(tmp_path, strategy, tolerance):
     assert "peak_gpu_memory_mb" not in here
 
 
+def test_recorded_steps_train_as_others_do(tmp_path):
+    settings = ("steps=200", "strategy=none", *ON_GPU)
+    recorded = train(tmp_path / "recorded", *settings)
+    usual = train(tmp_path / "usual", *settings, "graph=off")
+    assert recorded["psnr"] == pytest.approx(usual["psnr"], abs=SETTLED)
+    assert "not recorded" not in (tmp_path / "recorded" / "log.txt").read_text()
+
+
 def test_images_that_stay_and_images_that_pass_train_alike(tmp_path):
     settings = ("steps=100", "strategy=none", *ON_GPU)
     passing = train(tmp_path / "passing", *settings, "gpu_cache_mb=0")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import Protocol
 
 import torch
@@ -19,9 +20,13 @@ class Recording(Protocol):
 class Recorder(ABC):
     """Records work that waits for nothing and moves nothing between the host and a GPU."""
 
+    def working(self) -> AbstractContextManager[None]:
+        """The context of all work of a run, whether recorded or not."""
+        return nullcontext()
+
     @abstractmethod
     def record(self, work: Callable[[], None]) -> Recording:
-        """Call ``work``, whose launches are recorded and not run.
+        """Call ``work``, whose launches are recorded and not run; within ``working``.
 
         Raises:
             RuntimeError: it does something that cannot be recorded; nothing has been run.
@@ -29,26 +34,47 @@ class Recorder(ABC):
 
 
 class CudaRecorder(Recorder):
-    """CUDA graphs, which share their memory: they are replayed one after another."""
+    """CUDA graphs, which share their memory: they are replayed one after another.
+
+    Nothing can be captured on the default stream, and autograd joins the streams of a parameter's
+    earlier uses: so all steps of a run are on one stream, those that are not captured as well.
+    """
 
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self._stream = torch.cuda.Stream(device)
         self._pool = torch.cuda.graph_pool_handle()
+        # torch forgets a pool that no graph uses, and then refuses it.
+        self._keeper: torch.cuda.CUDAGraph | None = None
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """On the stream of this recorder."""
+        outside = torch.cuda.current_stream(self._device)
+        self._stream.wait_stream(outside)
+        try:
+            with torch.cuda.stream(self._stream):
+                yield
+        finally:
+            outside.wait_stream(self._stream)
 
     def record(self, work: Callable[[], None]) -> Recording:
-        """Capture a CUDA graph, on a stream of its own."""
+        """Capture a CUDA graph."""
+        if self._keeper is None:
+            self._keeper = self._captured(lambda: torch.zeros(1, device=self._device))
+        return self._captured(work)
+
+    def _captured(self, work: Callable[[], object]) -> torch.cuda.CUDAGraph:
         graph = torch.cuda.CUDAGraph()
-        current = torch.cuda.current_stream(self._device)
-        self._stream.wait_stream(current)
-        with torch.cuda.stream(self._stream):
-            # Threads that decode and send images meanwhile may do what a capture forbids.
-            graph.capture_begin(pool=self._pool, capture_error_mode="thread_local")
-            try:
-                work()
-            finally:
+        # Threads that decode and send images meanwhile may do what a capture forbids.
+        graph.capture_begin(pool=self._pool, capture_error_mode="thread_local")
+        try:
+            work()
+        except BaseException:
+            with suppress(RuntimeError):  # The capture has failed, and says so again.
                 graph.capture_end()
-        current.wait_stream(self._stream)
+            raise
+        graph.capture_end()
         return graph
 
 

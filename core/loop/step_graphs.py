@@ -36,8 +36,11 @@ logger = logging.getLogger(__name__)
 MOST_GRAPHS = 8
 """Graphs for the same rows; views of more sizes than this are not recorded."""
 
+FIRST_STEPS = 16
+"""Steps of a run that are not recorded, to see how much memory the images of several views need."""
+
 LOOK_EVERY = 32
-"""Replays between two looks at the steps that did not fit into their memory."""
+"""Replays between two looks at the steps that did not fit into their memory; fewer at first."""
 
 RATE_STEPS = 256
 """Steps whose learning rates are sent to the device at once."""
@@ -50,6 +53,8 @@ class Outcome:
     rendered: list[RenderedBatch]
     finite: Tensor
     """True if the parameters were changed."""
+    is_gated: bool = False
+    """True if the statistics are zeros already where they were not."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,7 @@ class StepGraphs:
         self._rates = _Rates(parts.optimizer, parts.device)
         self._misfits = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._look = _Look(self._misfits)
-        self._replays = 0
+        self._steps = self._replays = 0
 
     def run(self, inputs: StepInputs, step: int, work: Work) -> Outcome:
         """Run a step, after ``Method.prepare``.
@@ -137,7 +142,8 @@ class StepGraphs:
             step: its number, counted from 0.
             work: the step; it reads nothing else that differs from step to step.
         """
-        kind = self._kind(inputs, step)
+        self._steps += 1
+        kind = self._kind(inputs, step) if self._steps > FIRST_STEPS else None
         if kind is None or not self._may_repeat(kind):
             return work(inputs, step)
         graph = self._graphs[kind]
@@ -211,13 +217,18 @@ class StepGraphs:
         for leaf, gradient in graph.gradients:
             leaf.grad = gradient
         self._replays += 1
-        if self._replays % LOOK_EVERY == 0 and self._look.is_higher():
+        if self._looks() and self._look.is_higher():
             self._parts.rasterizer.make_room()
             self._graphs.clear()
         (item,) = graph.outcome.rendered
         batch = replace(item.context.batch, views=inputs.batch.views)
         context = replace(item.context, step=step, batch=batch)
         return replace(graph.outcome, rendered=[replace(item, context=context)])
+
+    def _looks(self) -> bool:
+        """True after 1, 2, 4 and so on replays, and then after every ``LOOK_EVERY``."""
+        replays = self._replays
+        return replays % LOOK_EVERY == 0 or (replays < LOOK_EVERY and replays.bit_count() == 1)
 
 
 class _Rates:
@@ -304,18 +315,18 @@ def _copy(tensor: Tensor) -> Tensor:
 
 
 def _detached(outcome: Outcome) -> Outcome:
-    """The same without the graph of autograd, which ends with the step."""
-    return replace(outcome, rendered=[_without_graph(item) for item in outcome.rendered])
+    """The same without the graph of autograd, which ends with the step; gated."""
+    rendered = [_without_graph(item, outcome.finite) for item in outcome.rendered]
+    return replace(outcome, rendered=rendered, is_gated=True)
 
 
-def _without_graph(item: RenderedBatch) -> RenderedBatch:
+def _without_graph(item: RenderedBatch, finite: Tensor) -> RenderedBatch:
     context = item.context
     output = context.rendered
     images = {name: getattr(output, name) for name in ("color", "alpha", "depth", "extra")}
-    context = replace(
-        context,
-        splats=context.splats.map(lambda tensor: tensor.detach()),
-        rendered=replace(output, **{k: v.detach() for k, v in images.items() if v is not None}),
-    )
+    images = {name: image.detach() for name, image in images.items() if image is not None}
+    rendered = replace(output, **images, statistics=output.statistics.where(finite))
+    splats = context.splats.map(lambda tensor: tensor.detach())
+    context = replace(context, splats=splats, rendered=rendered)
     losses = {name: value.detach() for name, value in item.losses.items()}
     return replace(item, context=context, losses=losses, total=item.total.detach(), by_rows=())

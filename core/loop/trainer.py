@@ -80,7 +80,7 @@ class Trainer:
             TrainingError: too many steps in a row were not finite, or the GPU's memory is full.
             OutputError: a checkpoint could not be written.
         """
-        with deterministic(self.parts.device):
+        with deterministic(self.parts.device), self._updates.working():
             try:
                 if (
                     self._checkpointed != self.walk.updates

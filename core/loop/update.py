@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import torch
@@ -17,6 +18,7 @@ from gsfw.core.loop.step_graphs import Outcome, StepGraphs, StepInputs
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_settings import RenderSettings
+from gsfw.core.sampler import Sampler
 
 
 class Update:
@@ -26,12 +28,17 @@ class Update:
         self, parts: TrainingParts, clock: Stopwatch, recorder: Recorder | None = None
     ) -> None:
         self._parts, self._clock = parts, clock
+        self._recorder = recorder
         self._graphs = None if recorder is None else StepGraphs(parts, recorder)
         self.is_underway = False
         """True from the first change of a parameter on, until the caller has ended the step."""
         self._times = parts.data.views(Split.TRAIN).times
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
+
+    def working(self) -> AbstractContextManager[None]:
+        """The context of all steps of a run."""
+        return nullcontext() if self._recorder is None else self._recorder.working()
 
     @property
     def skipped(self) -> int:
@@ -67,7 +74,7 @@ class Update:
         settings = forward.settings(step, count)
         outcome = self._outcome(forward, batches, settings, views, step)
         with clock.stage("refine"):
-            self._observe(forward, outcome.rendered, views, step, outcome.finite)
+            self._observe(forward, outcome, views, step)
             parts.optimizer.zero_gradients()
         return outcome.rendered
 
@@ -162,19 +169,23 @@ class Update:
     def _observe(
         self,
         forward: Forward,
-        rendered: Sequence[RenderedBatch],
+        outcome: Outcome,
         views: tuple[int, ...],
         step: int,
-        finite: Tensor,
     ) -> None:
         """Pass all batches to refiners and sampler; zeros if the step was not finite."""
-        parts = self._parts
+        parts, finite = self._parts, outcome.finite
+        samples_by_loss = type(parts.sampler).observe is not Sampler.observe
 
         def absent(view: int) -> StepContext:
             return forward.absent(view, step, 1 / len(views))
 
-        for seen in parts.team.observations(rendered, parts.refiners, absent):
-            parts.refiners.observe(seen.context, seen.statistics.where(finite), parts.refined)
+        for seen in parts.team.observations(outcome.rendered, parts.refiners, absent):
+            given = seen.statistics
+            statistics = given if outcome.is_gated else given.where(finite)
+            parts.refiners.observe(seen.context, statistics, parts.refined)
+            if not samples_by_loss:
+                continue
             batch = seen.context.batch.views
             with torch.no_grad():
                 loss = torch.where(finite, seen.data_loss, 0.0)

@@ -35,7 +35,7 @@ def arguments_of(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
         "means": splats.means,
         "quats": splats.quats,
         "scales": splats.scales,
-        "covars": splats.covariances,
+        "covars": _symmetric(splats.covariances),
         "opacities": splats.opacities,
         "colors": colors,
         "sh_degree": degree,
@@ -54,6 +54,11 @@ def arguments_of(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
         # Packed, the projected centres have a row per visible splat instead of one per splat.
         "packed": False,
     }
+
+
+def _symmetric(covariances: Tensor | None) -> Tensor | None:
+    """The same matrices, whose gradients are then symmetric: gsplat reads the upper triangle."""
+    return None if covariances is None else 0.5 * (covariances + covariances.mT)
 
 
 def rendered_channels(splats: Splats, settings: RenderSettings) -> int:

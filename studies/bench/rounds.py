@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -85,6 +85,10 @@ class Bench:
 
     def round(self) -> None:
         """Measure every setup once: render, forward and backward, and do training steps."""
+        with nullcontext() if self._recorder is None else self._recorder.working():
+            self._round()
+
+    def _round(self) -> None:
         for setup, timings in self.timings.items():
             if setup.threads:
                 torch.set_num_threads(setup.threads)

@@ -86,7 +86,7 @@ def _covering(count: int) -> Drawing:
 SIZE = (
     StressCase(
         "size/more-pairs-than-memory",
-        lambda: _covering(5000),
+        lambda: _covering(20_000),
         refusal=("bytes", "pairs"),
         refused_number=2**31,
     ),
