@@ -74,7 +74,7 @@ def full(data: Path | None) -> Plan:
         drawings[:0] = [
             Drawing("garden", (workload, "repeats=30", "sparse=true"), 60.0, profiled=True),
             Drawing(
-                "garden x25, 1080p",
+                "garden x25",
                 (workload, "copies=5", "size=1920x1080", "repeats=20", "sparse=true"),
                 90.0,
             ),
@@ -110,7 +110,7 @@ def tiny() -> Plan:
         tests=("tests/studies/bench/test_timing.py",),
         drawings=(
             Drawing("garden", ("workload=random:300", *small), 120.0),
-            Drawing("garden x25, 1080p", ("workload=random:20", "copies=5", *small), 120.0),
+            Drawing("garden x25", ("workload=random:20", "copies=5", *small), 120.0),
             Drawing("agreement", ("workload=random:300", "agreement=1", *small), 120.0, True),
             Drawing("first use", ("workload=random:50", "first_use=true", *small), 120.0, True),
         ),
