@@ -14,14 +14,13 @@ from gsfw.core.config import (
     MethodConfig,
     OptimConfig,
     RasterizerConfig,
-    Rescaled,
     SamplerConfig,
     StrategyConfig,
-    steps_field,
 )
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
+from gsfw.core.step_settings import Rescaled, steps_field
 
 __all__ = [
     "CallbackConfig",

@@ -42,7 +42,7 @@ class KernelProfile:
     memory: float
     """Percent of the bandwidth of the busiest memory."""
     bytes: float
-    """Of the GPU's memory, read and written."""
+    """Bytes of the GPU's memory that are read and written."""
 
 
 def profiler(program: str) -> list[str]:

@@ -92,7 +92,7 @@ class Session:
         )
 
     def works(self, command: list[str]) -> bool:
-        """Whether the self-test passes, without which nothing else is worth its time."""
+        """True if the self-test passes, without which nothing else is worth its time."""
         if not self._wanted("works", "works"):
             return True
         found = self.json("works", command, WORKS_SECONDS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
@@ -13,6 +13,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import check_ranges, number
+from gsfw.core.step_settings import steps_field
 
 if TYPE_CHECKING:
     import torch
@@ -40,38 +41,6 @@ NO_BUDGET = "none"
 """The choice of no budget: the strategy alone limits the number of Gaussians."""
 INIT_WORDS = (AUTO, "points", "random", DENSE)
 """Values of ``init`` that are not a file."""
-
-
-def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # noqa: ANN401 - a dataclass field
-    """A setting counted in training steps, which ``steps=N`` rescales in proportion.
-
-    Args:
-        default: number of steps at the method's own default length.
-        at_least: the smallest value that can be given.
-        floor: least value after rescaling, for intervals in which statistics have to gather.
-    """
-    floor = max(floor, at_least)
-    return number(default, at_least=at_least, metadata={"unit": "steps", "floor": floor})
-
-
-@dataclass(frozen=True)
-class Rescaled:
-    """Number of steps in a preset that ``steps=N`` rescales like a default; plain numbers stay."""
-
-    steps: int
-    """Number of steps at the method's default length."""
-
-
-def step_settings(config: object, prefix: str = "") -> dict[str, tuple[int, int]]:
-    """Every setting counted in steps, by dotted key: its value and the lower bound of rescaling."""
-    found: dict[str, tuple[int, int]] = {}
-    for item in fields(config):  # type: ignore[arg-type]
-        value = getattr(config, item.name)
-        if item.metadata.get("unit") == "steps":
-            found[prefix + item.name] = (value, item.metadata["floor"])
-        elif is_dataclass(value):
-            found |= step_settings(value, f"{prefix}{item.name}.")
-    return found
 
 
 def replace_at(config: Config, key: str, value: object) -> Config:
@@ -383,12 +352,15 @@ class MethodConfig(ABC):
         check_ranges(self)
         parse_background(self.background)
         self._check_resolution()
-        if self.holdout_by not in (kinds := [kind.value for kind in HoldOutBy]):
-            raise ConfigError(f"holdout_by={self.holdout_by}: expected {', '.join(kinds)}.")
-        if self.validation not in ("cheap", "full"):
-            raise ConfigError(f"validation={self.validation}: expected cheap or full.")
-        if self.profile not in (AUTO, *PROFILES):
-            raise ConfigError(f"profile={self.profile}: expected {', '.join((AUTO, *PROFILES))}.")
+        known = {
+            "holdout_by": [kind.value for kind in HoldOutBy],
+            "graph": [AUTO, "off"],
+            "validation": ["cheap", "full"],
+            "profile": [AUTO, *PROFILES],
+        }
+        for key, words in known.items():
+            if getattr(self, key) not in words:
+                raise ConfigError(f"{key}={getattr(self, key)}: expected {' or '.join(words)}.")
 
     def _check_resolution(self) -> None:
         schedule = self.resolution_schedule

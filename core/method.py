@@ -109,7 +109,7 @@ class Method(ABC):
         """
 
     def graph_key(self, step: int) -> Hashable | None:
-        """What a step depends on besides its batch, its background and the parameters.
+        """The state that a step depends on besides its batch, its background and the parameters.
 
         Steps with equal keys launch the same work: on a GPU it is then recorded once and repeated,
         which saves most of the host's time. Called after ``prepare``. A key promises that the

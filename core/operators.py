@@ -88,12 +88,12 @@ class AdamMoments:
 
 @dataclass(frozen=True)
 class AdamUpdate:
-    """What a step of Adam does to one tensor."""
+    """The update of one tensor in a step of Adam."""
 
     values: Tensor
     """Changed in place."""
     gradient: Tensor
-    """Of the same shape."""
+    """It has the shape of the values."""
     moments: AdamMoments
     """Its own, with a count of its own; changed in place."""
     rate: float | Float64[Tensor, ""]

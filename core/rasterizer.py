@@ -111,7 +111,7 @@ class Rasterizer(ABC):
         return False
 
     def fits(self) -> Bool[Tensor, ""] | None:
-        """Whether all captured images since the last call had enough memory, on the device.
+        """True on the device if all captured images since the last call had enough memory.
 
         ``None`` if none was captured. Others are wrong, and further graphs need ``make_room``.
         """

@@ -7,16 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from gsfw.core.config import (
-    AUTO,
-    MethodConfig,
-    Rescaled,
-    SlotConfig,
-    replace_at,
-    step_settings,
-)
+from gsfw.core.config import AUTO, MethodConfig, SlotConfig, replace_at
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.mirror import MEGABYTE
+from gsfw.core.step_settings import Rescaled, step_settings
 from gsfw.plugins.automatic import (
     USUAL_CHOICE,
     Choice,

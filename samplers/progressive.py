@@ -11,11 +11,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gsfw.core.config import SamplerConfig, steps_field
+from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
+from gsfw.core.step_settings import steps_field
 from gsfw.samplers.order import epoch_order
 from gsfw.samplers.stepwise import StepwiseSampler
 from gsfw.samplers.view_times import views_by_time

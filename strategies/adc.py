@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import StrategyConfig, steps_field
+from gsfw.core.config import StrategyConfig
 from gsfw.core.context import StepContext
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.ranges import number
@@ -41,6 +41,7 @@ from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
+from gsfw.core.step_settings import steps_field
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
 from gsfw.strategies.opacity_reset import OpacityReset
 from gsfw.strategies.rounds import DensityRefiner, RefinementRounds

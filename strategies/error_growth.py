@@ -23,7 +23,7 @@ from jaxtyping import Int
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import StrategyConfig, steps_field
+from gsfw.core.config import StrategyConfig
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import DensifiableModel, PrimitiveModel
@@ -34,6 +34,7 @@ from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
+from gsfw.core.step_settings import steps_field
 from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
 
 COPIES = 2

@@ -28,7 +28,6 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.core.config import steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.loop.area import area_means
 from gsfw.core.maths.rays import pixel_rays
@@ -38,6 +37,7 @@ from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth
 from gsfw.core.scene import Scene
+from gsfw.core.step_settings import steps_field
 from gsfw.strategies.rounds import RefinementRounds
 
 PATCH = 16

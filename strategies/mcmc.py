@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import StrategyConfig, steps_field
+from gsfw.core.config import StrategyConfig
 from gsfw.core.context import StepContext
 from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
 from gsfw.core.ranges import number
@@ -31,6 +31,7 @@ from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.core.step_settings import steps_field
 from gsfw.core.table import SplatTable
 from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
 

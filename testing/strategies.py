@@ -12,13 +12,13 @@ import torch
 
 from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control
-from gsfw.core.config import step_settings
 from gsfw.core.datamanager import Split, WrappedDataManager
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
+from gsfw.core.step_settings import step_settings
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
 from gsfw.testing.table_checks import check_table

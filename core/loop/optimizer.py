@@ -106,7 +106,7 @@ class Optimizer:
         return [tensor for group in self._tensors().values() for tensor in group]
 
     def places(self) -> tuple[object, ...]:
-        """What changes when tensors or moments get other memory, or others of them are stepped."""
+        """A value that differs once tensors or moments have other memory, or others are stepped."""
         tensors = self._tensors()
         moments = (state for name in tensors for state in self.moments(name))
         held = [tensor for group in tensors.values() for tensor in group]

@@ -48,7 +48,7 @@ RATE_STEPS = 256
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a step leaves behind on the device."""
+    """The results of a step, on the device."""
 
     rendered: list[RenderedBatch]
     finite: Tensor
@@ -59,7 +59,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class StepInputs:
-    """What a step reads that differs from step to step."""
+    """The inputs of a step that differ from step to step."""
 
     batch: Batch
     settings: RenderSettings
@@ -96,7 +96,7 @@ class StepInputs:
         return StepInputs(batch, replace(self.settings, background=background))
 
     def kind(self) -> Hashable:
-        """What has to be the same for a graph to hold."""
+        """The properties that all steps of one graph share."""
         batch, cameras = self.batch, self.batch.cameras
         shapes = tuple((tensor.shape, tensor.dtype) for tensor in self.tensors())
         present = (batch.alpha is None, batch.mask is None, batch.mask_mode, cameras.time is None)
@@ -116,7 +116,7 @@ class _Graph:
     inputs: StepInputs
     outcome: Outcome
     gradients: list[tuple[Tensor, Tensor | None]]
-    """Of each parameter, for refiners that read them after the step."""
+    """Parameters and their gradients, for refiners that read them after the step."""
 
 
 class StepGraphs:
@@ -127,7 +127,7 @@ class StepGraphs:
         self._parts = parts
         self._recorder = recorder if _can_be_recorded(parts) else None
         self._graphs: dict[Hashable, _Graph | None] = {}
-        """By what they hold for; ``None`` after the first such step, which was run as usual."""
+        """Graphs by kind of step; ``None`` after the first such step, which was run as usual."""
         self._rows: Hashable = None
         self._rates = _Rates(parts.optimizer, parts.device)
         self._misfits = torch.zeros((), dtype=torch.int64, device=parts.device)
@@ -155,9 +155,9 @@ class StepGraphs:
         return self._replayed(graph, inputs, step)
 
     def fitting(self, finite: Tensor) -> tuple[Tensor, Tensor]:
-        """Whether a step may change parameters, and whether it counts as not finite.
+        """Two flags: a step may change parameters; a step counts as not finite.
 
-        A step whose images did not fit into their memory does neither; it is counted here.
+        Neither holds for a step whose images did not fit into their memory; it is counted here.
         """
         fits = self._parts.rasterizer.fits()
         if fits is None:
@@ -166,7 +166,7 @@ class StepGraphs:
         return finite & fits, fits & ~finite
 
     def _kind(self, inputs: StepInputs, step: int) -> Hashable | None:
-        """What a graph of this step would hold for; ``None`` if it cannot be recorded."""
+        """The kind of a step, which has a graph of its own; ``None`` if it cannot be recorded."""
         parts = self._parts
         if self._recorder is None or inputs.batch.maps:
             return None

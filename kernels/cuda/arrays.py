@@ -35,7 +35,7 @@ class Arrays:
         self._address = self._memory.data_ptr()
 
     def address(self, name: str) -> int | None:
-        """Where an array begins; ``None`` if it is not there."""
+        """The address of an array; ``None`` if it is not there."""
         begin = self._begins.get(name)
         return None if begin is None else self._address + begin
 

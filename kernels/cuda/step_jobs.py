@@ -77,7 +77,7 @@ class AdamRows(ctypes.Structure):
 
 
 class AdamTable(ctypes.Structure):
-    """What a step of Adam does to one table of numbers."""
+    """The update of one table of numbers in a step of Adam."""
 
     _fields_: ClassVar = [
         ("values", AdamRows),

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.batch import SEGMENTATION
 from gsfw.core.capabilities import Needs
-from gsfw.core.config import Rescaled, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import number
+from gsfw.core.step_settings import Rescaled, steps_field
 from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansOptim
 
 if TYPE_CHECKING:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import MethodConfig, OptimConfig, steps_field
+from gsfw.core.config import MethodConfig, OptimConfig
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
+from gsfw.core.step_settings import steps_field
 
 if TYPE_CHECKING:
     from gsfw.core.method import Method

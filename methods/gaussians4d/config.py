@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.core.config import Rescaled, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
+from gsfw.core.step_settings import Rescaled, steps_field
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.moving.config import MovingConfig
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from gsfw.core.config import steps_field
 from gsfw.core.ranges import number
+from gsfw.core.step_settings import steps_field
 from gsfw.methods.gaussians3d.config import GaussiansConfig
 
 

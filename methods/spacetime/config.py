@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.capabilities import Needs
-from gsfw.core.config import steps_field
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
+from gsfw.core.step_settings import steps_field
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.moving.config import MovingConfig
 

@@ -31,8 +31,8 @@ class Pairs:
     room: int
     """Pairs that there is memory for; what else is kept per pair takes as many."""
     arrays: Arrays
-    """Of pairs ``rows``, the splat of each, and if numbered ``slots``, where each was written. Of
-    tiles ``starts`` and ``chunk_starts``, of chunks ``chunk_tiles``; see ``TilesJob``."""
+    """By pair: ``rows``, its splat, and if numbered ``slots``, where it was written. By tile:
+    ``starts`` and ``chunk_starts``. By chunk: ``chunk_tiles``; see ``TilesJob``."""
     order: Tensor | None
     """Splats from front to back, in which pairs were written; only if numbered."""
 
@@ -47,7 +47,7 @@ class Binning:
     launcher: Launcher
     instances: Instances
     projected: jobs.ProjectJob
-    """What is binned."""
+    """The projected splats that are binned."""
     rows: Arrays
     """Those of ``row_arrays``."""
     row_ends: int | None

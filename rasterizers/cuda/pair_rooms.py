@@ -13,7 +13,7 @@ MARGIN = 1.5
 
 
 class PairRooms:
-    """How many pairs images have had, and how many those of the next CUDA graph may have.
+    """The numbers of pairs that images have had, and that those of the next CUDA graph may have.
 
     A captured image with more pairs than it has room for is wrong, but writes nowhere else;
     ``fits`` tells, on the device. What it would have needed is kept there for ``make_room``.

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from gsfw.core.config import steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import Range, check_ranges, number
+from gsfw.core.step_settings import steps_field
 
 
 @dataclass

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import pytest
 from support.fake_parts import Demo, FakePlugin, fake_registry, registry_of
 
-from gsfw.core.config import MethodConfig, Rescaled, step_settings, steps_field
+from gsfw.core.config import MethodConfig
 from gsfw.core.errors import ConfigError
+from gsfw.core.step_settings import Rescaled, step_settings, steps_field
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 from gsfw.plugins.specs import Spec, hookimpl

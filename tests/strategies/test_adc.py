@@ -10,11 +10,11 @@ from support.scenes import random_splats
 from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Feature
-from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import check_ranges
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
+from gsfw.core.step_settings import step_settings
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.gaussians3d.initialisation import from_splats
 from gsfw.methods.gaussians3d.model import StaticGaussians

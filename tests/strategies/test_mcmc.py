@@ -10,13 +10,13 @@ from support.scenes import random_splats
 from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.operators import Operators
 from gsfw.core.ranges import check_ranges
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.splats import Splats
+from gsfw.core.step_settings import step_settings
 from gsfw.strategies.mcmc import McmcConfig, draw_rows
 
 SETTINGS = McmcConfig(refine_start=0, refine_every=10, refine_stop=100, noise_lr=0.0, growth=0.0)

@@ -13,8 +13,8 @@ from gsfw.core.config import (
     RasterizerConfig,
     SamplerConfig,
     StrategyConfig,
-    steps_field,
 )
+from gsfw.core.step_settings import steps_field
 from gsfw.plugins.discovery import Discovery, PluginSource
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.specs import Spec, hookimpl

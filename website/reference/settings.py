@@ -8,8 +8,8 @@ from dataclasses import fields, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-from gsfw.core.config import step_settings
 from gsfw.core.ranges import RANGE
+from gsfw.core.step_settings import step_settings
 from gsfw.plugins.exporters import PREFIX
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all

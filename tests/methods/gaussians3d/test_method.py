@@ -9,13 +9,13 @@ from support.scenes import front_camera, random_splats
 from torch import Tensor
 
 from gsfw.core.batch import Batch
-from gsfw.core.config import step_settings
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.scene import Scene
+from gsfw.core.step_settings import step_settings
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
 
 

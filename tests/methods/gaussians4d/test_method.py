@@ -6,11 +6,11 @@ import pytest
 import torch
 from support.scenes import random_splats
 
-from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
+from gsfw.core.step_settings import step_settings
 from gsfw.methods.gaussians4d.config import (
     DeformationConfig,
     DeformationOptim,

@@ -7,12 +7,12 @@ import torch
 from support.scenes import random_splats
 
 from gsfw.core.capabilities import Feature
-from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.core.step_settings import step_settings
 from gsfw.methods.rotor4d.config import SlicedGaussiansConfig, SlicedGaussiansOptim
 from gsfw.methods.rotor4d.method import min_duration
 from gsfw.methods.rotor4d.model import SlicedGaussians

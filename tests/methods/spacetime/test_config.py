@@ -3,8 +3,8 @@
 import pytest
 
 from gsfw.core.capabilities import Feature
-from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
+from gsfw.core.step_settings import step_settings
 from gsfw.methods.spacetime.config import SpacetimeConfig, SpacetimeOptim
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, Settings, resolve

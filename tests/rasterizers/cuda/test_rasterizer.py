@@ -1,5 +1,6 @@
 """The cuda rasterizer: its limits, its bits, and what it waits for."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
@@ -17,7 +18,7 @@ from gsfw.core.numerics import DEFAULT
 from gsfw.core.ranges import check_ranges
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
 from gsfw.core.splats import Splats
-from gsfw.kernels.cuda.instances import CHUNKS
+from gsfw.kernels.cuda.instances import CHUNKS, instances
 from gsfw.rasterizers.cuda.config import CudaConfig
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
@@ -74,11 +75,21 @@ def test_the_deterministic_mode_agrees_with_the_reference(dtype):
         check_float32(found, expected, settings.profile)
 
 
-@pytest.mark.parametrize("chunk", [(64, 32), (64, 64), (128, 64)])
+@pytest.fixture
+def fresh_instances() -> Iterator[None]:
+    """Instances know the chunks that they were made with."""
+    instances.cache_clear()
+    yield
+    instances.cache_clear()
+
+
+@pytest.mark.usefixtures("fresh_instances")
+@pytest.mark.parametrize("chunk", [(64, 32), (64, 64), (128, 32)])
 def test_other_chunks_give_the_same_image_and_the_same_gradient(chunk, monkeypatch):
     scene = deep_scene()
     usual = draw_everything(emulated(), *scene)
     monkeypatch.setitem(CHUNKS, torch.float32, {8: chunk})
+    instances.cache_clear()
     found = draw_everything(emulated(1, deterministic=True), *scene)
     assert all(torch.equal(found[name], usual[name]) for name in FORWARD)
     check_float32(found, draw_everything(ReferenceRasterizer(), *as_float64(*scene)), DEFAULT)

@@ -85,6 +85,8 @@ def test_a_capture_is_looked_for_on_the_gpu_of_the_launcher(monkeypatch):
 
     monkeypatch.setattr(torch.cuda, "init", lambda: None)
     monkeypatch.setattr(torch.cuda, "device", Selected)
+    monkeypatch.setattr(torch.cuda, "current_device", lambda: current[-1])
+    monkeypatch.setattr(torch._C, "_cuda_getDevice", lambda: current[-1], raising=False)
     monkeypatch.setattr(torch.cuda, "is_current_stream_capturing", lambda: current[-1] == 1)
     assert TorchDevice(SECOND).capturing()
     assert not TorchDevice(torch.device("cuda", 0)).capturing()
