@@ -90,6 +90,7 @@ def bin_pairs(
     scene: Scene,
     key: torch.dtype = torch.int16,
     numbered: bool = False,
+    room: int | None = None,
 ) -> Pairs:
     """The pairs, in memory that has room for 64 more, which must stay as they are."""
     counts, _ = reach_of(launcher, scene)
@@ -110,12 +111,14 @@ def bin_pairs(
         address(tiles),
         address(payload),
         address(rows if numbered else None),
+        total + 64 if room is None else room,
         numbered,
     )
     kernel = Kernel("bin.cu", f"emit<{C_TYPES[scene.projected.dtype]}, {C_KEYS[key]}>")
     launcher.launch(kernel, -(-len(order) // 256), 256, job)
+    last = total if room is None else min(total, room)
     for written in (tiles, payload, rows):
-        assert (written[total:] == -1).all()
+        assert (written[last:] == -1).all()
     return Pairs(counts, ends, tiles[:total], payload[:total], rows[:total])
 
 
@@ -210,6 +213,15 @@ def test_numbered_pairs_carry_their_own_place(launcher: EmulatedLauncher, key: t
     assert (plain.rows == -1).all()
 
 
+def test_pairs_beyond_their_room_are_left_out(launcher: EmulatedLauncher) -> None:
+    scene = random_scene("round", (150, 90), torch.float32)
+    whole = bin_pairs(launcher, scene)
+    room = len(whole.tiles) // 2
+    part = bin_pairs(launcher, scene, room=room)
+    assert torch.equal(part.tiles[:room], whole.tiles[:room])
+    assert torch.equal(part.payload[:room], whole.payload[:room])
+
+
 def test_keys_of_both_widths_are_the_same_tiles(launcher: EmulatedLauncher) -> None:
     scene = random_scene("huge", (70, 50), torch.float64)
     narrow = bin_pairs(launcher, scene, torch.int16)
@@ -238,7 +250,13 @@ class Starts:
     chunk_tiles: Tensor
 
 
-def tiles_of(launcher: EmulatedLauncher, tiles: Tensor, num_tiles: int, chunk: int = 4) -> Starts:
+def tiles_of(
+    launcher: EmulatedLauncher,
+    tiles: Tensor,
+    num_tiles: int,
+    chunk: int = 4,
+    counted: Tensor | None = None,
+) -> Starts:
     """By find_tiles, which has room for three more chunks than it is told of."""
     blocks = -(-(num_tiles + 1) // 256)
     pairs, chunks = torch.full((2, num_tiles + 1), -1)
@@ -248,6 +266,7 @@ def tiles_of(launcher: EmulatedLauncher, tiles: Tensor, num_tiles: int, chunk: i
     job = TilesJob(
         address(tiles),
         len(tiles),
+        address(counted),
         num_tiles,
         chunk,
         address(pairs),
@@ -265,6 +284,14 @@ def tiles_of(launcher: EmulatedLauncher, tiles: Tensor, num_tiles: int, chunk: i
 def starts_of(launcher: EmulatedLauncher, tiles: Tensor, num_tiles: int) -> Tensor:
     """int64 [num_tiles + 1]: the first pair of each tile."""
     return tiles_of(launcher, tiles, num_tiles).pairs
+
+
+def test_of_more_tiles_than_there_is_a_count_of_the_first_ones_are_found() -> None:
+    tiles = torch.tensor([1, 1, 4, 2, 2], dtype=torch.int16)
+    for count, expected in ((3, [0, 0, 2, 2, 2, 3]), (0, [0] * 6), (9, [0, 0, 2, 4, 4, 5])):
+        counted = torch.tensor(count)
+        given = tiles if count < 5 else tiles.sort().values
+        assert tiles_of(launcher_of(0), given, 5, counted=counted).pairs.tolist() == expected
 
 
 @settings(max_examples=30, deadline=None)

@@ -211,7 +211,8 @@ def test_a_job_that_differs_from_its_mirror_does_not_compile(stub, cache, nvrtc)
 
         _fields_ = (
             ("tiles", ctypes.c_void_p),
-            ("pairs", ctypes.c_int64),
+            ("count", ctypes.c_int64),
+            ("counted", ctypes.c_void_p),
             ("unused", ctypes.c_int),
             ("num_tiles", ctypes.c_int),
             ("starts", ctypes.c_void_p),
@@ -226,7 +227,7 @@ def test_a_job_that_differs_from_its_mirror_does_not_compile(stub, cache, nvrtc)
 
 def test_what_nvrtc_makes_is_what_the_driver_is_given(stub, cache, nvrtc):
     launcher = launcher_on(stub, nvrtc, cache)
-    launcher.launch(TILES, 1, 256, TilesJob(pairs=10, num_tiles=4))
+    launcher.launch(TILES, 1, 256, TilesJob(count=10, num_tiles=4))
     assert "cuModuleLoadData(cubin)" in stub.calls()
     (name,) = [call for call in stub.calls() if call.startswith("cuModuleGetFunction")]
     assert "find_tiles" in name
