@@ -78,6 +78,26 @@ class CudaRecorder(Recorder):
         return graph
 
 
+@contextmanager
+def on_default_stream(device: torch.device) -> Iterator[None]:
+    """On the default stream of a GPU, in order with the work before and after; or on the CPU.
+
+    Packages such as fused-ssim start their kernels there, whatever torch's current stream is. No
+    other stream of torch waits for it: their kernels would read what is not yet written, and write
+    to memory that earlier work still uses.
+    """
+    if device.type != "cuda":
+        yield
+        return
+    outside, default = torch.cuda.current_stream(device), torch.cuda.default_stream(device)
+    default.wait_stream(outside)
+    try:
+        with torch.cuda.stream(default):
+            yield
+    finally:
+        outside.wait_stream(default)
+
+
 def recorder_for(device: torch.device) -> Recorder | None:
     """The recorder of a device; ``None`` where the host runs the work itself."""
     return CudaRecorder(device) if device.type == "cuda" else None

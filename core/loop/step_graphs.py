@@ -134,6 +134,14 @@ class StepGraphs:
         self._look = _Look(self._misfits)
         self._steps = self._replays = 0
 
+    @property
+    def is_of_use(self) -> bool:
+        """True if steps may be recorded: their parts can be, and the method promises that it can.
+
+        Others may start kernels on the default stream, whatever torch's current stream is.
+        """
+        return self._recorder is not None and _promises(self._parts.method)
+
     def run(self, inputs: StepInputs, step: int, work: Work) -> Outcome:
         """Run a step, after ``Method.prepare``.
 
@@ -283,12 +291,15 @@ class _Look:
 
 def graph_key(method: Method, step: int) -> Hashable | None:
     """``Method.graph_key``; ``None`` where a derived class has changed the steps it speaks of."""
+    return method.graph_key(step) if _promises(method) else None
+
+
+def _promises(method: Method) -> bool:
+    """True if a method has a ``graph_key`` that speaks of its own steps."""
     order = type(method).__mro__
     place = _place_of("graph_key", order)
     promised = ("losses", "render_settings", "prepare", "build_model")
-    if any(_place_of(name, order) < place for name in promised):
-        return None
-    return method.graph_key(step)
+    return order[place] is not Method and all(_place_of(name, order) >= place for name in promised)
 
 
 def _place_of(name: str, order: tuple[type, ...]) -> int:

@@ -37,8 +37,10 @@ class Update:
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
 
     def working(self) -> AbstractContextManager[None]:
-        """The context of all steps of a run."""
-        return nullcontext() if self._recorder is None else self._recorder.working()
+        """The context of all steps of a run: the recorder's, if any of them may be recorded."""
+        if self._recorder is None or self._graphs is None or not self._graphs.is_of_use:
+            return nullcontext()
+        return self._recorder.working()
 
     @property
     def skipped(self) -> int:

@@ -1,6 +1,7 @@
 """Steps that are recorded once and repeated; on the emulation, with a tape for a CUDA graph."""
 
 import logging
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 
 import pytest
@@ -170,6 +171,7 @@ def test_what_cannot_be_recorded_is_run_as_usual_and_told_once(tmp_path, caplog)
 )
 def test_parts_with_hooks_of_their_own_are_not_recorded(tmp_path, settings):
     run = Run(tmp_path, True, **settings)
+    assert isinstance(run.trainer._updates.working(), nullcontext)
     run.steps(4)
     assert run.recorder.recorded == 0
 
@@ -179,6 +181,23 @@ def test_terms_of_the_parameters_are_recorded(tmp_path, settings):
     run = Run(tmp_path, True, **settings)
     run.steps(3)
     assert run.recorder.recorded == 1
+
+
+class Unpromising(StaticGaussiansMethod):
+    """Its losses may start kernels on the default stream."""
+
+    def losses(self, context):
+        return super().losses(context)
+
+
+@pytest.mark.parametrize("promises", [True, False])
+def test_runs_leave_the_default_stream_only_to_be_recorded(tmp_path, monkeypatch, promises):
+    run = Run(tmp_path, True, strategy="none")
+    stream = contextmanager(lambda: iter([None]))()
+    monkeypatch.setattr(run.recorder, "working", lambda: stream)
+    if not promises:
+        run.parts.method.__class__ = Unpromising
+    assert (run.trainer._updates.working() is stream) is promises
 
 
 def test_a_derived_method_has_to_promise_for_itself():
