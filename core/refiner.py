@@ -108,10 +108,6 @@ class Refiner(ABC):
     """False if ``observe`` reads statistics, views and shares alone. In a training with several
     processes the images of the others are then not sent to this one."""
 
-    can_be_recorded: ClassVar[bool] = False
-    """True if ``regularizers`` and ``before_backward`` do the same work in every step, from the
-    parameters alone: the step may then be recorded on a GPU, and repeated. A refiner that has
-    neither need not say so."""
     divisible: ClassVar[bool] = True
     """False if it reads more of the model than ``DensifiableModel`` has, such as columns: the rows
     then cannot be divided among processes (shards=N)."""
@@ -130,6 +126,17 @@ class Refiner(ABC):
         The loss of a step with several views stays the mean over them.
         """
         return False
+
+    def can_be_recorded(self, step: int) -> bool:
+        """True if a step may be recorded on a GPU, with what this refiner adds to it, and repeated.
+
+        A promise for ``regularizers``, ``before_backward`` and the hooks that this attaches. At all
+        steps with the answer true they launch the same work, on the batch, the parameters and the
+        model's rows: they read nothing else that changes, keep nothing on the host, and neither
+        wait for the GPU nor move anything to it. It does not hold for a derived class that has
+        another ``regularizers`` or ``before_backward``; a refiner with neither need not say so.
+        """
+        return True
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Weighted scalars to add to the loss of a batch, by name. No side effects."""

@@ -104,9 +104,13 @@ class ErrorGrowth(DensityRefiner):
         gathers = self._may_grow and step + 1 < self._config.refine_stop
         return frozenset({Statistic.SCREEN_GRADIENT} if gathers else ())
 
+    def can_be_recorded(self, step: int) -> bool:
+        """False in the last steps before a round, when the host counts views."""
+        return not (self._may_grow and self._rounds.nears(step, self._config.views))
+
     def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
         """Gather the errors of views in the last steps before a round."""
-        if not self._may_grow or not self._rounds.nears(context.step, self._config.views):
+        if self.can_be_recorded(context.step):
             return
         if self._errors is None:
             device = context.splats.means.device

@@ -82,7 +82,6 @@ class MarkovChainMonteCarlo(DensityRefiner):
 
     name = "mcmc"
     reads_images = False
-    can_be_recorded = True
 
     def __init__(self, config: McmcConfig) -> None:
         super().__init__(
@@ -94,6 +93,10 @@ class MarkovChainMonteCarlo(DensityRefiner):
         """The screen gradient if rows are sampled by it, while growth lasts."""
         gathers = self._config.gradient_share > 0 and step + 1 < self._config.refine_stop
         return frozenset({Statistic.SCREEN_GRADIENT} if gathers else ())
+
+    def can_be_recorded(self, step: int) -> bool:
+        """True: the terms depend on the parameters alone."""
+        return True
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Mean opacity and mean scale of the rendered splats, weighted."""

@@ -106,11 +106,13 @@ class Optimizer:
         return [tensor for group in self._tensors().values() for tensor in group]
 
     def places(self) -> tuple[object, ...]:
-        """A value that differs once tensors or moments have other memory, or others are stepped."""
-        tensors = self._tensors()
+        """A value that differs once columns or moments have other memory, or others are stepped."""
+        tensors, columns = self._tensors(), self._model.columns().values()
         moments = (state for name in tensors for state in self.moments(name))
         held = [tensor for group in tensors.values() for tensor in group]
         held += [part for state in moments for part in (state.first, state.second, state.count)]
+        held += [column.values for column in columns if not column.trained]
+        held += [column.offsets for column in columns if column.offsets is not None]
         places = tuple((tensor.data_ptr(), len(tensor) if tensor.dim() else 1) for tensor in held)
         return places, tuple(sorted(self._frozen)), self._model.active_bands()
 

@@ -125,7 +125,7 @@ class StepGraphs:
     def __init__(self, parts: TrainingParts, recorder: Recorder | None) -> None:
         """Nothing is recorded yet; nothing ever is without a ``recorder``."""
         self._parts = parts
-        self._recorder = recorder if _can_be_recorded(parts) else None
+        self._recorder = recorder if _has_graphs(parts) else None
         self._graphs: dict[Hashable, _Graph | None] = {}
         """Graphs by kind of step; ``None`` after the first such step, which was run as usual."""
         self._rows: Hashable = None
@@ -178,10 +178,9 @@ class StepGraphs:
         parts = self._parts
         if self._recorder is None or inputs.batch.maps:
             return None
-        own = graph_key(parts.method, step)
-        if own is None:
+        own, refiners = graph_key(parts.method, step), parts.refiners
+        if own is None or not all(can_be_recorded(refiner, step) for refiner in refiners):
             return None
-        refiners = parts.refiners
         measured = refiners.statistics(step), refiners.depth(step)
         return own, measured, inputs.kind()
 
@@ -302,23 +301,26 @@ def _promises(method: Method) -> bool:
     return order[place] is not Method and all(_place_of(name, order) >= place for name in promised)
 
 
+def can_be_recorded(refiner: Refiner, step: int) -> bool:
+    """``Refiner.can_be_recorded``; false where a derived class has changed what it speaks of."""
+    order = type(refiner).__mro__
+    place = _place_of("can_be_recorded", order)
+    if any(_place_of(name, order) < place for name in ("regularizers", "before_backward")):
+        return False
+    return refiner.can_be_recorded(step)
+
+
 def _place_of(name: str, order: tuple[type, ...]) -> int:
     return next(place for place, kind in enumerate(order) if name in vars(kind))
 
 
-def _can_be_recorded(parts: TrainingParts) -> bool:
-    """True if the step has only the parts that a graph can have."""
+def _has_graphs(parts: TrainingParts) -> bool:
+    """True if the steps of a run have only parts that a graph can have."""
     corrections = parts.corrections
     corrected = corrections.exposures is not None or corrections.poses is not None
-    hooks = any(
-        type(refiner).regularizers is not Refiner.regularizers
-        or type(refiner).before_backward is not Refiner.before_backward
-        for refiner in parts.refiners
-        if not refiner.can_be_recorded
-    )
     alone = type(parts.team) is Team and parts.rendered is None and parts.edited is None
     rasterizer = parts.rasterizer.can_be_captured
-    return rasterizer and alone and not (corrected or hooks or parts.optimizer.sparse)
+    return rasterizer and alone and not (corrected or parts.optimizer.sparse)
 
 
 def _copy(tensor: Tensor) -> Tensor:

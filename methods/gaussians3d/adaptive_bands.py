@@ -69,6 +69,10 @@ class AdaptiveBands(Refiner):
         ahead = self._to_round(step + 1)
         return ahead is not None and ahead < self._window
 
+    def can_be_recorded(self, step: int) -> bool:
+        """True in the steps without evidence."""
+        return not self.needs_view_gradients(step)
+
     def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
         """Watch the gradients of colours in the steps before a round."""
         evidence = self._gaussians.evidence

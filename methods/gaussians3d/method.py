@@ -49,6 +49,10 @@ RANDOM_COST = (
 """Measured on 12 views of 64 x 48 with points=400, against random_points=2000, seed 42."""
 
 
+OWN_DEGREES = -1
+"""Stands for the degree of all splats where each has its own."""
+
+
 class StaticGaussiansMethod(Method):
     """L1 and SSIM, a growing SH degree, and Gaussians that do not change with time.
 
@@ -72,7 +76,7 @@ class StaticGaussiansMethod(Method):
         self._ignore_time = ignore_time
         self._first_degree = 0
         self._shared_degree: int | None = None
-        """The degree of all splats in this step; ``None`` before the first, or with their own."""
+        """The degree of all splats in this step, or OWN_DEGREES; ``None`` before the first."""
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse captures of several times, and init=points without points.
@@ -220,7 +224,7 @@ class StaticGaussiansMethod(Method):
         return {"squared": (1.0 - weight) * squares, "dssim": weight * dssim}
 
     def graph_key(self, step: int) -> Hashable | None:
-        """The active degree and the phase of the losses; none if each splat has its own degree."""
+        """The active degree and the phase of the losses."""
         if self._shared_degree is None:
             return None
         return self._shared_degree, step < self.config.squared_steps
@@ -242,6 +246,7 @@ class StaticGaussiansMethod(Method):
         """
         assert isinstance(model, StaticGaussians)
         if model.evidence is not None:
+            self._shared_degree = OWN_DEGREES
             return
         interval = self.config.sh_degree_interval
         scheduled = (step + 1) // interval if interval > 0 else model.degree

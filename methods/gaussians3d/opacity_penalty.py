@@ -19,11 +19,14 @@ class OpacityPenalty(Refiner):
     """Adds the weighted mean opacity to the loss; edits no rows."""
 
     name = "opacity-penalty"
-    can_be_recorded = True
 
     def __init__(self, weight: float) -> None:
         """Store the weight, above 0."""
         self._weight = weight
+
+    def can_be_recorded(self, step: int) -> bool:
+        """True: the term depends on the parameters alone."""
+        return True
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """The mean opacity of the rendered splats, weighted."""

@@ -11,6 +11,7 @@ of Gaussians and optimizer state continue through the change of phase; opacities
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -90,6 +91,11 @@ class DeformationMethod(MovingMethod):
         # steps of mujoco_collision end with 8 Gaussians.
         model.settled = step >= max(config.coarse_steps, config.squared_steps)
         super().prepare(step, model, optimizer, time)
+
+    def graph_key(self, step: int) -> Hashable | None:
+        """The key that all moving methods share, and the phase."""
+        shared = self.shared_key(step)
+        return None if shared is None else (shared, step >= self.config.coarse_steps)
 
 
 def _time_cells(given: int | Literal["auto"], scene: Scene) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 
 import torch
 from jaxtyping import Float, Int
@@ -79,6 +79,10 @@ class MovingGaussians(DensifiableModel):
     def moving(self) -> Int[Tensor, " m"] | None:
         """Rows that change with time, in the order of temporal values; ``None`` for all."""
         return None if self.still is None else self.still.moving()
+
+    def rows_version(self) -> Hashable:
+        """A value that differs once other rows change with time; the host then waits for a GPU."""
+        return None if self.still is None else self.still.version()
 
     def taken(self, values: Float[Tensor, "n ..."]) -> Float[Tensor, "m ..."]:
         """Select the values of the rows that change."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any, ClassVar
 
 import torch
@@ -11,6 +11,7 @@ from torch import Tensor
 
 from gsfw.core.context import StepContext
 from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.step_graphs import graph_key
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.refiner import Refiner
@@ -45,6 +46,8 @@ class MovingMethod(Method):
         """
         self._static = self.canonical_method(canonical)
         self._settling = settling
+        self._prepared: MovingGaussians | None = None
+        """The model of the current step; ``None`` before the first."""
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse captures of a single time, and init=points without points.
@@ -95,7 +98,16 @@ class MovingMethod(Method):
     ) -> None:
         """Set the SH degree of the step."""
         assert isinstance(model, MovingGaussians)
+        self._prepared = model
         self._static.prepare(step, model.canonical, optimizer, time)
+
+    def shared_key(self, step: int) -> Hashable | None:
+        """The part of a ``graph_key`` that all methods have: losses, SH degree, rows that change.
+
+        ``None`` if steps cannot be recorded because of them.
+        """
+        own, model = graph_key(self._static, step), self._prepared
+        return None if own is None or model is None else (own, model.rows_version())
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
         """Adaptive bands and penalties of method 3dgs, and settling under static=auto."""

@@ -54,6 +54,14 @@ class Settling(Refiner):
         """
         self._config, self._model = config, model
 
+    def can_be_recorded(self, step: int) -> bool:
+        """True: each step adds to the evidence of the same rows, until rows stop or start.
+
+        A step whose images had no room adds evidence too; a single one cannot start a row
+        (``StillRows``).
+        """
+        return True
+
     def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
         """Watch the gradients of static rows."""
         still, time = self._model.still, context.batch.time

@@ -54,6 +54,7 @@ class StillRows(nn.Module):
         self.stillness = Column(evidence, layout=Layout.RAGGED, offsets=offsets)
         self.terms = Column(torch.tensor([0.0, FIRST_TERM]).repeat(count, 1))
         self._sorted_by: Tensor | None = None
+        self._sorts = 0
         self._still = self._moving = torch.zeros(0, dtype=torch.int64)
 
     def columns(self) -> dict[str, Column]:
@@ -75,11 +76,17 @@ class StillRows(nn.Module):
         self._sort()
         return self._moving
 
+    def version(self) -> int:
+        """A number that is higher once other rows are static."""
+        self._sort()
+        return self._sorts
+
     def _sort(self) -> None:
         # Offsets are replaced, never changed: only then does a GPU count again, and the host wait.
         if self._sorted_by is not self.stillness.offsets:
             self._sorted_by, still = self.stillness.offsets, self.mask()
             self._still, self._moving = still.nonzero()[:, 0], (~still).nonzero()[:, 0]
+            self._sorts += 1
 
     def moving_rows(self, ones: Int[Tensor, " r"]) -> dict[str, Rows]:
         """The columns' values of new moving rows: one for each of ``ones``."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
@@ -21,6 +21,15 @@ from gsfw.methods.spacetime.polynomial import displacement, recentered
 
 MIDDLE = 0.5
 """Origin of time for permanent rows, which have no centre."""
+
+
+@dataclass(frozen=True)
+class _CountedPlaces:
+    """Places of a column, the offsets that they are of, and the number of others before them."""
+
+    offsets: Tensor
+    places: Places
+    number: int
 
 
 class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
@@ -43,20 +52,30 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
 
     # Columns of each row.
 
+    def rows_version(self) -> Hashable:
+        """A value that differs once rows have other temporal parameters."""
+        counts = tuple(self._counted_places(name).number for name in self.temporal)
+        return super().rows_version(), counts
+
     def places(self, name: str) -> Places:
         """Rows of the values of a temporal column."""
+        return self._counted_places(name).places
+
+    def _counted_places(self, name: str) -> _CountedPlaces:
         offsets = self._column(name).offsets
         assert offsets is not None
         # Offsets are replaced, never changed: only then does a GPU count again, and the host wait.
         known = self._known_places.get(name)
-        if known is None or known[0] is not offsets:
-            known = self._known_places[name] = (offsets, Places.of(offsets.diff()))
-        return known[1]
+        if known is None or known.offsets is not offsets:
+            number = 0 if known is None else known.number + 1
+            known = _CountedPlaces(offsets, Places.of(offsets.diff()), number)
+            self._known_places[name] = known
+        return known
 
     @property
-    def _known_places(self) -> dict[str, tuple[Tensor, Places]]:
-        """Places by column, and the offsets of their computation; no part of the state."""
-        known: dict[str, tuple[Tensor, Places]] = self.__dict__.setdefault("_places_by_name", {})
+    def _known_places(self) -> dict[str, _CountedPlaces]:
+        """Places by column; no part of the state."""
+        known: dict[str, _CountedPlaces] = self.__dict__.setdefault("_places_by_name", {})
         return known
 
     def lengths(self, name: str) -> Int[Tensor, " n"]:
@@ -92,6 +111,11 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         return found if self.features is None else {**found, "feature_rates": self.features.values}
 
     # Rendering.
+
+    @property
+    def selects(self) -> bool:
+        """False: all rows are rendered."""
+        return False
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None

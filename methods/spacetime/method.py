@@ -9,7 +9,7 @@ was 1.9 dB better on the built-in scene for the same number of views (2000, 240 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,13 @@ class SpacetimeMethod(MovingMethod):
             still=self.still_rows(scene, count, initial),
         )
         return self._model
+
+    def graph_key(self, step: int) -> Hashable | None:
+        """The key that all moving methods share; none if a step selects the visible rows."""
+        model = self._prepared
+        if not isinstance(model, SpacetimeGaussians) or model.selects:
+            return None
+        return self.shared_key(step)
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
         """The refiners of all moving methods, and simplification under motion=adaptive."""

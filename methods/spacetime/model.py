@@ -135,6 +135,14 @@ class SpacetimeGaussians(MovingGaussians):
 
     # Rendering.
 
+    @property
+    def selects(self) -> bool:
+        """True if only visible rows are rendered, for whose number the host waits.
+
+        With static rows, all are: a selection would copy the static ones.
+        """
+        return self.still is None
+
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
@@ -167,11 +175,8 @@ class SpacetimeGaussians(MovingGaussians):
 
     @torch.no_grad()
     def _visible(self, opacities: Float[Tensor, " n"]) -> Int[Tensor, " m"] | None:
-        """Rows that are opaque enough to be visible at a pixel; ``None`` when all are.
-
-        With static rows, all are rendered: a selection would copy the static ones.
-        """
-        if self.still is not None:
+        """Rows that are opaque enough to be visible at a pixel; ``None`` for all."""
+        if not self.selects:
             return None
         rows = (opacities >= DEFAULT.alpha_min).nonzero()[:, 0]
         return None if len(rows) == len(opacities) else rows

@@ -13,6 +13,35 @@ from torch.utils._pytree import tree_leaves
 from gsfw.core.loop.recording import Recorder
 from gsfw.kernels.cuda.launcher import Kernel, Launcher
 
+aten = torch.ops.aten
+
+READS = {
+    aten._local_scalar_dense.default,
+    aten.nonzero.default,
+    aten.masked_select.default,
+    aten.equal.default,
+    aten._unique2.default,
+    aten.unique_consecutive.default,
+    aten.bincount.default,
+    aten.repeat_interleave.Tensor,
+}
+"""Operations for whose result, or its size, the host waits."""
+
+BY_INDEX = {aten.index.Tensor, aten.index_put_.default, aten.index_put.default}
+"""Operations by indices, or by a mask, whose rows have to be counted."""
+
+
+def _refuse_what_waits(function: Any, args: Any, named: Any) -> None:
+    masks = function in BY_INDEX and any(
+        index is not None and index.dtype in (torch.bool, torch.uint8) for index in args[1]
+    )
+    if function is aten.repeat_interleave.Tensor and named.get("output_size") is not None:
+        return
+    if masks or function in READS:
+        raise RuntimeError("the host reads a number, which a graph does not allow")
+    if function is aten.lift_fresh.default and args[0].dim() > 0:
+        raise RuntimeError("the host sends numbers, which a graph does not allow")
+
 
 class Tape(TorchDispatchMode):
     """Everything in order; what it has once allocated stays."""
@@ -23,13 +52,14 @@ class Tape(TorchDispatchMode):
 
     def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None):
         named = kwargs or {}
-        if function in (torch.ops.aten._local_scalar_dense.default, torch.ops.aten.nonzero.default):
-            raise RuntimeError("the host reads a number, which a graph does not allow")
+        _refuse_what_waits(function, args, named)
         first = function(*args, **named)
+        # Views of their own: an operation such as squeeze_ changes the shape of a result.
+        held = [leaf.detach() if isinstance(leaf, Tensor) else leaf for leaf in tree_leaves(first)]
 
         def repeat() -> None:
             again = function(*args, **named)
-            for old, new in zip(tree_leaves(first), tree_leaves(again), strict=True):
+            for old, new in zip(held, tree_leaves(again), strict=True):
                 if isinstance(old, Tensor) and old.data_ptr() != new.data_ptr():
                     old.copy_(new)
 

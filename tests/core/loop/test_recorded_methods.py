@@ -1,0 +1,111 @@
+"""Recorded steps of strategies and methods whose steps are not all alike."""
+
+import pytest
+import torch
+from support.native_programs import compiler
+from support.recorded_run import Run
+
+from gsfw.core import render_output
+from gsfw.core.loop.step_graphs import can_be_recorded
+from gsfw.methods.gaussians3d.opacity_penalty import OpacityPenalty
+
+MOVING = {
+    **{"datamanager.moving": "true", "datamanager.times": "3", "datamanager.views": "6"},
+    **{"hexplane.resolution": "8", "hexplane.channels": "8", "hexplane.width": "16"},
+    **{"coarse_steps": "6", "squared_steps": "12", "method": "4dgs"},
+}
+SPACETIME = {
+    **{name: value for name, value in MOVING.items() if name.startswith("datamanager")},
+    **{"method": "spacetime", "squared_steps": "12"},
+}
+AUTO = {"static": "auto", "static_start": "4", "static_every": "5", "static_signal": "1.2"}
+ADAPTIVE = {"motion": "adaptive", "motion_start": "8", "motion_every": "8"}
+ERROR = {
+    **{"strategy": "error", "strategy.views": "3", "strategy.agreeing_views": "1"},
+    **{"strategy.refine_start": "5", "strategy.refine_every": "8"},
+}
+BANDS = {"sh": "adaptive", "bands.every": "8", "bands.grow_stop": "8", "bands.stop": "16"}
+
+# Whole runs; shapes are checked by the tests of the parts.
+pytestmark = pytest.mark.unchecked
+
+
+@pytest.fixture(autouse=True)
+def unknown_to_the_host(monkeypatch):
+    """On a GPU the host does not know whether a step was finite; and few steps are enough here."""
+    compiler()
+    monkeypatch.setattr("gsfw.core.loop.step_graphs.FIRST_STEPS", 0)
+    monkeypatch.setattr(render_output, "known_by_host", lambda flag: False)
+
+
+def start_some(run):
+    """Let a third of the static rows move, as a round of settling does."""
+    model = run.parts.model
+    rows = model.still.rows()[::3]
+    model.start_(run.parts.table, rows, torch.full((len(rows),), 0.5))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ERROR,
+        BANDS,
+        MOVING,
+        {**MOVING, "deform_opacity": "false", "deform_sh": "true"},
+        {**MOVING, **AUTO},
+        {**MOVING, "encoder": "hash"},
+        {**MOVING, "encoder": "mlp", "scale_change": "sum"},
+        {**SPACETIME, **AUTO},
+        {**SPACETIME, **AUTO, "colors": "features"},
+        {**SPACETIME, **ADAPTIVE},
+        {**SPACETIME, **AUTO, **ADAPTIVE, "lifetime_reg": "0.01"},
+    ],
+    ids=[
+        *("error", "bands", "4dgs", "4dgs-colors", "4dgs-static", "4dgs-hash", "4dgs-mlp"),
+        *("spacetime-static", "spacetime-features", "spacetime-adaptive", "spacetime-both"),
+    ],
+)
+def test_recorded_steps_train_as_others_do(tmp_path, settings):
+    usual = Run(tmp_path / "usual", False, **settings)
+    recorded = Run(tmp_path / "recorded", True, **settings)
+    expected, found = (run.steps(12) for run in (usual, recorded))
+    if "static" in settings:
+        start_some(usual)
+        start_some(recorded)
+    expected, found = expected + usual.steps(10), found + recorded.steps(10)
+    assert found[:5] == pytest.approx(expected[:5], rel=1e-3)
+    assert found == pytest.approx(expected, rel=0.02)
+    assert recorded.recorder.recorded >= 2
+    assert recorded.trainer._updates._graphs._replays > 5
+    assert recorded.trainer._updates.skipped == 0
+
+
+@pytest.mark.parametrize("settings", [SPACETIME, {**SPACETIME, "method": "4d-rotor"}])
+def test_a_model_that_selects_visible_rows_is_not_recorded(tmp_path, settings):
+    known = {name: value for name, value in settings.items() if name != "squared_steps"}
+    run = Run(tmp_path, True, **known)
+    before = run.columns()["means"].clone()
+    run.steps(5)
+    assert run.recorder.recorded == 0
+    assert not torch.equal(run.columns()["means"], before)
+
+
+def test_steps_in_which_the_host_counts_views_are_not_recorded(tmp_path):
+    run = Run(tmp_path, True, **ERROR)
+    (growth,) = (refiner for refiner in run.parts.refiners if refiner.name == "error")
+    counting = [step for step in range(16) if not can_be_recorded(growth, step)]
+    assert counting == [5, 6, 7, 13, 14, 15]
+
+
+def test_a_derived_refiner_has_to_promise_for_itself():
+    class Other(OpacityPenalty):
+        def regularizers(self, context):
+            return {}
+
+    class Promising(Other):
+        def can_be_recorded(self, step):
+            return step > 3
+
+    assert can_be_recorded(OpacityPenalty(0.1), 0)
+    assert not can_be_recorded(Other(0.1), 9)
+    assert [can_be_recorded(Promising(0.1), step) for step in (3, 4)] == [False, True]

@@ -1,0 +1,83 @@
+"""A run whose steps are recorded on a tape, on the emulation of the CUDA kernels."""
+
+from dataclasses import replace
+
+import torch
+
+from gsfw.core.callback import RunInfo
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.update import Update
+from gsfw.core.table import SplatTable
+from gsfw.kernels.cuda.operators import CudaOperators
+from gsfw.plugins.compose import compose
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
+from support.tape import TapeLauncher, TapeRecorder
+
+SETTINGS = {
+    **{"method": "3dgs", "rasterizer": "reference", "steps": "40", "strategy": "adc"},
+    **{"sh_degree": "1", "sh_degree_interval": "4", "log_every": "1000", "max_skipped": "1000"},
+    **{"datamanager.views": "5", "datamanager.eval_views": "1", "datamanager.points": "60"},
+    **{"datamanager.width": "40", "datamanager.height": "32"},
+}
+
+
+class Run:
+    """A run whose images, losses and steps come from the CUDA kernels, on the emulation."""
+
+    def __init__(self, folder, recorded: bool, **settings: str) -> None:
+        layers = [Layer(COMMAND_LINE, SETTINGS | settings)]
+        composition = compose(resolve(installed(), layers), installed())
+        launcher = TapeLauncher()
+        operators = CudaOperators(launcher)
+        parts = composition.parts
+        for module in parts.model.modules():  # Made for the CPU, whose kernels are not recorded.
+            if hasattr(module, "_operators"):
+                module._operators = operators
+        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings())
+        self.rasterizer = CudaRasterizer(launcher)
+        self.parts = replace(
+            parts,
+            optimizer=self.optimizer,
+            table=SplatTable(parts.model, self.optimizer),
+            rasterizer=self.rasterizer,
+            operators=operators,
+        )
+        info = RunInfo(folder, str(settings.get("method", "3dgs")), "test", 40, 0, {}, {})
+        self.trainer = Trainer(self.parts, composition.plan, RunFolder(folder), info)
+        self.recorder = TapeRecorder(launcher, self.state)
+        if recorded:
+            self.trainer._updates = Update(self.parts, self.trainer._stopwatch, self.recorder)
+
+    def state(self) -> list[torch.Tensor]:
+        """All that a step changes."""
+        updates, optimizer = self.trainer._updates, self.optimizer
+        moments = [part for name in optimizer._moments for part in optimizer.moments(name)]
+        held = [tensor for part in moments for tensor in (part.first, part.second, part.count)]
+        held += [updates._skipped, updates._skipped_in_a_row, updates._graphs._misfits]
+        columns = self.parts.model.columns().values()
+        held += [column.values for column in columns if not column.trained]
+        return [*self.optimizer.tensors(), *held, self.rasterizer._backend.rooms._needed]
+
+    def steps(self, count: int) -> list[float]:
+        """Do some steps; the loss of each."""
+        losses = []
+        for _ in range(count):
+            rendered = self.trainer._updates.run
+            found = []
+
+            def run(*args, rendered=rendered, found=found):
+                found.extend(rendered(*args))
+                return found
+
+            self.trainer._updates.run = run
+            self.trainer._one_step()
+            del self.trainer._updates.run
+            losses.append(sum(float(value.detach()) for value in found[0].losses.values()))
+        return losses
+
+    def columns(self) -> dict[str, torch.Tensor]:
+        return {name: c.values.detach() for name, c in self.parts.model.columns().items()}
