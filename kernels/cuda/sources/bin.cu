@@ -100,13 +100,15 @@ template <class Key>
 __device__ __forceinline__ int emit_rows(const EmitJob& job, const TileRow& own, int64 begin) {
   const int ends = warp_running_sum(length(own.columns));
   const int pairs = __shfl_sync(FULL_WARP, ends, WARP - 1);
+  const int64 left = job.room - begin;
+  const int written = left < 0 ? 0 : left < pairs ? int(left) : pairs;
   const int first_tile = own.row * job.grid.columns + own.columns.last + 1 - ends;
   for (int base = 0; base < pairs; base += WARP) {
     const int pair = base + lane_index();
     const int lane = lane_of(pair, ends);
     const int tile = __shfl_sync(FULL_WARP, first_tile, lane) + pair;
     const int splat = __shfl_sync(FULL_WARP, own.splat, lane);
-    if (pair < pairs && begin + pair < job.room) write_pair<Key>(job, begin + pair, tile, splat);
+    if (pair < written) write_pair<Key>(job, begin + pair, tile, splat);
   }
   return pairs;
 }
