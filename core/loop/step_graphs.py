@@ -211,6 +211,7 @@ class StepGraphs:
             recording = self._recorder.record(record)
         except RuntimeError as error:
             self._parts.optimizer.zero_gradients()
+            self._parts.rasterizer.fits()  # Of images that were never rendered: not to be asked.
             reason = str(error).partition("\n")[0]
             logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
             self._recorder = None

@@ -83,12 +83,14 @@ def test_what_cannot_be_recorded_is_run_as_usual_and_told_once(tmp_path, caplog)
     run = Run(tmp_path, True, strategy="none")
 
     def refuse(work):
+        run.rasterizer._backend.rooms._fitting.append(torch.tensor(False))
         raise RuntimeError("operation not permitted when stream is capturing\nmore")
 
     run.recorder.record = refuse
     with caplog.at_level(logging.WARNING):
         losses = run.steps(5)
     assert len(losses) == 5
+    assert int(run.trainer._updates._graphs._misfits) == 0
     (record,) = caplog.records
     assert record.getMessage().endswith("operation not permitted when stream is capturing")
 
