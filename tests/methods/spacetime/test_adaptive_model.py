@@ -7,7 +7,7 @@ import torch
 from support.adaptive_splats import adaptive, ragged
 from support.moving_splats import at, seeded, spacetime
 
-from gsfw.methods.spacetime.adaptive_model import MIDDLE
+from gsfw.methods.spacetime.adaptive_model import MIDDLE, _CountedPlaces
 from gsfw.methods.spacetime.places import Places
 
 TIMES = (0.0, 0.31, 1.0)
@@ -84,9 +84,10 @@ def test_drawing_neither_counts_nor_reads_once_rows_are_known():
     counted = {name: Places.of(model.lengths(name)) for name in model.temporal_columns()}
     model = model.to("meta")  # Where tensors have no values that could be read.
     model.__dict__["_places_by_name"] = {
-        name: (
+        name: _CountedPlaces(
             column.offsets,
             Places(counted[name].rows.to("meta"), counted[name].within.to("meta")),
+            0,
         )
         for name, column in model.temporal_columns().items()
     }
