@@ -122,7 +122,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="gpu.sh", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "--parts",
-        default="works,tests,sanitizers,drawings,profiles,trainings",
+        default="works,tests,drawings,trainings",
         type=lambda text: tuple(text.split(",")),
         help="of works (seconds), tests, sanitizers, drawings, profiles, trainings, or single "
         "ones such as 5M (default: %(default)s)",

@@ -19,6 +19,7 @@ from statistics import median
 import torch
 from torch.profiler import ProfilerActivity, profile
 
+from gsfw.core.errors import UserError
 from gsfw.core.loop.recording import CudaRecorder
 from gsfw.kernels.cuda.instances import CHUNKS
 from gsfw.plugins.loading import choose_operators
@@ -42,22 +43,20 @@ def main() -> int:
     """Measure, and print the figures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("workload", help="an npz file, or random:COUNT")
-    parser.add_argument("--chunk", help="splats and threads, as in 128,64")
+    parser.add_argument("--chunk", type=_pair, help="splats and threads, as in 128,64")
     parser.add_argument("--gsplat", action="store_true", help="the step of gsplat's own trainer")
     options = parser.parse_args()
     if not torch.cuda.is_available():
         say("there is no GPU to use: torch sees none")
         return 3
     if options.chunk:
-        splats, threads = map(int, options.chunk.split(","))
-        CHUNKS[torch.float32][4] = (splats, threads)
+        CHUNKS[torch.float32][4] = options.chunk
     device = torch.device("cuda", 0)
-    given = options.workload
-    workload = (
-        random_workload(given, device)
-        if given.startswith(RANDOM)
-        else read_workload(Path(given)).to(device)
-    )
+    try:
+        workload = _workload(options.workload, device)
+    except UserError as error:
+        say(str(error))
+        return 2
     recorder = CudaRecorder(device)
     with recorder.working():
         warm_up(device)
@@ -67,6 +66,22 @@ def main() -> int:
         if not options.gsplat:
             say(f"as a CUDA graph: {pace(recorder.record(step).replay):.3f} ms a step")
     return 0
+
+
+def _pair(text: str) -> tuple[int, int]:
+    splats, threads = map(int, text.split(","))
+    return splats, threads
+
+
+def _workload(given: str, device: torch.device) -> Workload:
+    """Read or make a workload.
+
+    Raises:
+        UserError: it is no workload; says why.
+    """
+    if given.startswith(RANDOM):
+        return random_workload(given, device)
+    return read_workload(Path(given)).to(device)
 
 
 def _step(workload: Workload, device: torch.device, gsplat: bool) -> Step:

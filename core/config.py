@@ -360,7 +360,8 @@ class MethodConfig(ABC):
         }
         for key, words in known.items():
             if getattr(self, key) not in words:
-                raise ConfigError(f"{key}={getattr(self, key)}: expected {' or '.join(words)}.")
+                expected = f"{', '.join(words[:-1])} or {words[-1]}"
+                raise ConfigError(f"{key}={getattr(self, key)}: expected {expected}.")
 
     def _check_resolution(self) -> None:
         schedule = self.resolution_schedule

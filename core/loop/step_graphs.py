@@ -24,12 +24,10 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.loop.forward import RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.recordable import can_be_recorded, graph_key, has_graphs, promises
 from gsfw.core.loop.recording import Recorder, Recording
 from gsfw.core.loop.training_parts import TrainingParts
-from gsfw.core.method import Method
-from gsfw.core.refiner import Refiner
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.team import Team
 
 logger = logging.getLogger(__name__)
 
@@ -54,7 +52,7 @@ class Outcome:
     finite: Tensor
     """True if the parameters were changed."""
     is_gated: bool = False
-    """True if the statistics are zeros already where they were not."""
+    """True if the statistics of a step that changed nothing are zeros already."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,7 @@ class StepGraphs:
     def __init__(self, parts: TrainingParts, recorder: Recorder | None) -> None:
         """Nothing is recorded yet; nothing ever is without a ``recorder``."""
         self._parts = parts
-        self._recorder = recorder if _has_graphs(parts) else None
+        self._recorder = recorder if has_graphs(parts) else None
         self._graphs: dict[Hashable, _Graph | None] = {}
         """Graphs by kind of step; ``None`` after the first such step, which was run as usual."""
         self._rows: Hashable = None
@@ -140,7 +138,7 @@ class StepGraphs:
 
         Others may start kernels on the default stream, whatever torch's current stream is.
         """
-        return self._recorder is not None and _promises(self._parts.method)
+        return self._recorder is not None and promises(self._parts.method)
 
     def run(self, inputs: StepInputs, step: int, work: Work) -> Outcome:
         """Run a step, after ``Method.prepare``.
@@ -199,6 +197,7 @@ class StepGraphs:
     def _recorded(self, inputs: StepInputs, step: int, work: Work) -> _Graph | None:
         """Record a step; ``None``, and no further attempts, where that fails."""
         assert self._recorder is not None
+        self._rates.follow()
         own = replace(inputs.copied(), rates=self._rates.at(step))
         outcomes: list[Outcome] = []
         gradients: list[tuple[Tensor, Tensor | None]] = []
@@ -211,7 +210,7 @@ class StepGraphs:
             recording = self._recorder.record(record)
         except RuntimeError as error:
             self._parts.optimizer.zero_gradients()
-            self._parts.rasterizer.fits()  # Of images that were never rendered: not to be asked.
+            self._parts.rasterizer.fits()  # Drops the flags of images that were never rendered.
             reason = str(error).partition("\n")[0]
             logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
             self._recorder = None
@@ -226,6 +225,7 @@ class StepGraphs:
             leaf.grad = gradient
         self._replays += 1
         if self._looks() and self._look.is_higher():
+            logger.info("images of recorded steps had no room; the next recordings have more")
             self._parts.rasterizer.make_room()
             self._graphs.clear()
         (item,) = graph.outcome.rendered
@@ -249,24 +249,25 @@ class _Rates:
         self._table = torch.empty(0, 0, dtype=torch.float64)
         self._current = torch.empty(0, dtype=torch.float64)
 
+    def follow(self) -> None:
+        """Look for other columns and groups, before a recording; they stay while it holds."""
+        names = tuple(self._optimizer.learning_rates(0))
+        if names != self._names:
+            self._names, self._table = names, self._table[:0]
+            self._current = torch.empty(len(names), dtype=torch.float64, device=self._device)
+
     def at(self, step: int) -> Float64[Tensor, " g"]:
         """The rates of a step, always at the same place while columns and groups stay."""
-        rates = self._optimizer.learning_rates(step)
-        place = step - self._begin
-        if tuple(rates) != self._names or not 0 <= place < len(self._table):
+        if not 0 <= step - self._begin < len(self._table):
             self._send(step)
-            place = 0
-        self._current.copy_(self._table[place])
+        self._current.copy_(self._table[step - self._begin])
         return self._current
 
     def _send(self, step: int) -> None:
         steps = range(step, step + RATE_STEPS)
         rows = [list(self._optimizer.learning_rates(number).values()) for number in steps]
-        table = torch.tensor(rows, dtype=torch.float64).to(self._device)
-        self._begin, self._table = step, table
-        names = tuple(self._optimizer.learning_rates(step))
-        if names != self._names:
-            self._names, self._current = names, table[0].clone()
+        self._begin = step
+        self._table = torch.tensor(rows, dtype=torch.float64).to(self._device)
 
 
 class _Look:
@@ -287,41 +288,6 @@ class _Look:
         if self._event is not None:
             self._event.record()
         return self._known > known
-
-
-def graph_key(method: Method, step: int) -> Hashable | None:
-    """``Method.graph_key``; ``None`` where a derived class has changed the steps it speaks of."""
-    return method.graph_key(step) if _promises(method) else None
-
-
-def _promises(method: Method) -> bool:
-    """True if a method has a ``graph_key`` that speaks of its own steps."""
-    order = type(method).__mro__
-    place = _place_of("graph_key", order)
-    promised = ("losses", "render_settings", "prepare", "build_model")
-    return order[place] is not Method and all(_place_of(name, order) >= place for name in promised)
-
-
-def can_be_recorded(refiner: Refiner, step: int) -> bool:
-    """``Refiner.can_be_recorded``; false where a derived class has changed what it speaks of."""
-    order = type(refiner).__mro__
-    place = _place_of("can_be_recorded", order)
-    if any(_place_of(name, order) < place for name in ("regularizers", "before_backward")):
-        return False
-    return refiner.can_be_recorded(step)
-
-
-def _place_of(name: str, order: tuple[type, ...]) -> int:
-    return next(place for place, kind in enumerate(order) if name in vars(kind))
-
-
-def _has_graphs(parts: TrainingParts) -> bool:
-    """True if the steps of a run have only parts that a graph can have."""
-    corrections = parts.corrections
-    corrected = corrections.exposures is not None or corrections.poses is not None
-    alone = type(parts.team) is Team and parts.rendered is None and parts.edited is None
-    rasterizer = parts.rasterizer.can_be_captured
-    return rasterizer and alone and not (corrected or parts.optimizer.sparse)
 
 
 def _copy(tensor: Tensor) -> Tensor:

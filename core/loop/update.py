@@ -97,7 +97,9 @@ class Update:
 
         if self._graphs is None or len(batches) != 1:
             return self._worked(forward, batches, settings, views, step)
-        return self._graphs.run(StepInputs(batches[0], settings[0]), step, work)
+        outcome = self._graphs.run(StepInputs(batches[0], settings[0]), step, work)
+        self.is_underway = True  # A replay changes parameters without passing through ``work``.
+        return outcome
 
     def _worked(
         self,
@@ -110,6 +112,7 @@ class Update:
     ) -> Outcome:
         """Render the batches of this process, and update all parameters."""
         parts, clock = self._parts, self._clock
+        self.is_underway = False  # A recording before may have failed.
         rendered = self._rendered(forward, batches, settings, views, step)
         with clock.stage("optimize"):
             finite = self._complete(rendered)

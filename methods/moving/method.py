@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsfw.core.context import StepContext
 from gsfw.core.loop.optimizer import Optimizer
-from gsfw.core.loop.step_graphs import graph_key
+from gsfw.core.loop.recordable import graph_key
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.refiner import Refiner

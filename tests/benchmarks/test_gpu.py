@@ -256,6 +256,17 @@ def test_counters_of_kernels_are_read_from_the_table_that_the_profiler_prints(
     assert parts(tmp_path)["profile 1M"]["status"] == "failed"
 
 
+@no_gpu
+def test_the_kernels_of_a_step_need_a_gpu_and_a_chunk_needs_two_numbers():
+    command = [sys.executable, str(ROOT / "benchmarks" / "step_kernels.py"), "random:10"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout.count("\n")) == (3, 1), ended.stderr
+    wrong = [*command, "--chunk", "128"]
+    ended = subprocess.run(wrong, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "argument --chunk: invalid" in ended.stderr
+
+
 @pytest.mark.parametrize("fault", ["", "an image differs"])
 def test_nothing_is_run_on_a_gpu_whose_kernels_do_not_work(tmp_path, fault):
     running = on_a_gpu(tmp_path, "works")

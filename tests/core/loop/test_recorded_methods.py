@@ -2,11 +2,9 @@
 
 import pytest
 import torch
-from support.native_programs import compiler
 from support.recorded_run import Run
 
-from gsfw.core import render_output
-from gsfw.core.loop.step_graphs import can_be_recorded
+from gsfw.core.loop.recordable import can_be_recorded
 from gsfw.methods.gaussians3d.opacity_penalty import OpacityPenalty
 
 MOVING = {
@@ -27,15 +25,7 @@ ERROR = {
 BANDS = {"sh": "adaptive", "bands.every": "8", "bands.grow_stop": "8", "bands.stop": "16"}
 
 # Whole runs; shapes are checked by the tests of the parts.
-pytestmark = pytest.mark.unchecked
-
-
-@pytest.fixture(autouse=True)
-def unknown_to_the_host(monkeypatch):
-    """On a GPU the host does not know whether a step was finite; and few steps are enough here."""
-    compiler()
-    monkeypatch.setattr("gsfw.core.loop.step_graphs.FIRST_STEPS", 0)
-    monkeypatch.setattr(render_output, "known_by_host", lambda flag: False)
+pytestmark = [pytest.mark.unchecked, pytest.mark.usefixtures("unknown_to_the_host")]
 
 
 def start_some(run):

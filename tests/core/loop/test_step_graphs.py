@@ -5,27 +5,17 @@ from contextlib import contextmanager, nullcontext
 
 import pytest
 import torch
-from support.native_programs import compiler
 from support.recorded_run import Run
 
-from gsfw.core import render_output
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.step_graphs import graph_key
+from gsfw.core.loop.recordable import graph_key
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 
 REFINING = {"strategy.refine_start": "5", "strategy.refine_every": "6"}
 
 # Whole runs; shapes are checked by the tests of the parts.
-pytestmark = pytest.mark.unchecked
-
-
-@pytest.fixture(autouse=True)
-def unknown_to_the_host(monkeypatch):
-    """On a GPU the host does not know whether a step was finite; and few steps are enough here."""
-    compiler()
-    monkeypatch.setattr("gsfw.core.loop.step_graphs.FIRST_STEPS", 0)
-    monkeypatch.setattr(render_output, "known_by_host", lambda flag: False)
+pytestmark = [pytest.mark.unchecked, pytest.mark.usefixtures("unknown_to_the_host")]
 
 
 def test_recorded_steps_train_as_others_do(tmp_path):
@@ -59,6 +49,23 @@ def test_views_pass_through_a_recording(tmp_path):
         seen.append(views[0])
     assert set(seen) == set(range(5))
     assert run.recorder.recorded == 1
+
+
+def test_a_replay_is_no_state_between_steps_until_its_step_has_ended(tmp_path, monkeypatch):
+    run = Run(tmp_path, True, strategy="none", sh_degree_interval="1")
+    run.steps(3)
+    assert run.recorder.recorded == 1
+    assert not run.trainer._updates.is_underway
+    seen = []
+    observe = type(run.parts.refiners).observe
+
+    def watched(self, *arguments):
+        seen.append(run.trainer._updates.is_underway)
+        observe(self, *arguments)
+
+    monkeypatch.setattr(type(run.parts.refiners), "observe", watched)
+    run.steps(1)
+    assert seen == [True]
 
 
 def test_a_step_without_room_changes_nothing_and_later_ones_have_it(tmp_path, monkeypatch):
