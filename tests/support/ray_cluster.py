@@ -25,8 +25,10 @@ def cluster(monkeypatch) -> Iterator:
 
     # The paths of its sockets may not be long.
     with tempfile.TemporaryDirectory(dir="/tmp", prefix="r-", ignore_cleanup_errors=True) as place:
+        # It notes its address in the folder of all Ray programs, and needs that to be there.
+        monkeypatch.setenv("RAY_TMPDIR", place)
         settings = {"num_cpus": CORES, "num_gpus": 0, "object_store_memory": STORE}
-        first = {**settings, "include_dashboard": False, "temp_dir": place}
+        first = {**settings, "include_dashboard": False, "temp_dir": f"{place}/ray"}
         there = Cluster(initialize_head=True, head_node_args=first)
         try:
             there.add_node(**settings)
