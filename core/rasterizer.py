@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gsfw.core.bands import Bands
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.input_checks import check_form, check_values
@@ -101,6 +102,20 @@ class Rasterizer(ABC):
         sums = self.render(splats, cameras, settings).statistics.contribution
         assert sums is not None, "it was asked for"
         return sums
+
+    def bands(
+        self, splats: Splats, camera: Cameras, settings: RenderSettings, pixels: Sequence[range]
+    ) -> Bands | None:
+        """An image of which several processes render bands; ``None`` if it has no kernels for that.
+
+        Args:
+            splats: some splats of the image, which have the channels of all.
+            camera: one camera.
+            settings: the settings of the render.
+            pixels: rows of pixels of each band, from above; all but the last have the same height,
+                in whole tiles of 16.
+        """
+        return None
 
     @property
     def can_be_captured(self) -> bool:

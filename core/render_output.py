@@ -66,6 +66,12 @@ class RenderStatistics:
         names = [item.name for item in fields(RenderStatistics)]
         return RenderStatistics(**{name: _joined(parts, name) for name in names})
 
+    @staticmethod
+    def joined_rows(parts: Sequence[RenderStatistics]) -> RenderStatistics:
+        """Join the statistics of several sets of splats; all have the same ones, and cameras."""
+        names = [item.name for item in fields(RenderStatistics)]
+        return RenderStatistics(**{name: _joined(parts, name, dim=1) for name in names})
+
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
         """The same statistics, or zeros if ``finite`` is false; no synchronisation."""
         if known_by_host(finite):
@@ -115,7 +121,7 @@ class RenderOutput:
         return f"<div>{head}</div><div>{images}</div>"
 
 
-def _joined(parts: Sequence[object], name: str) -> Any:  # noqa: ANN401 - a tensor, or None
+def _joined(parts: Sequence[object], name: str, dim: int = 0) -> Any:  # noqa: ANN401
     """One field of several renders, camera after camera; ``None`` if they lack it."""
     found = [getattr(part, name) for part in parts]
-    return None if found[0] is None else torch.cat(found)
+    return None if found[0] is None else torch.cat(found, dim=dim)

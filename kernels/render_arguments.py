@@ -154,3 +154,61 @@ class KernelGradients:
     """p = POSE_FIELDS."""
     screen_gradient: Float[Tensor, " n"] | None
     absgrad: Float[Tensor, " n"] | None
+
+
+@dataclass(frozen=True)
+class RowOutputs:
+    """The tensors that the projection of some rows writes."""
+
+    visible: Bool[Tensor, " n"]
+    radii: Float[Tensor, " n"]
+
+
+@dataclass(frozen=True)
+class PackedRows:
+    """The projected splats of some rows, band after band."""
+
+    rows: Float[Tensor, "m k"]
+
+
+@dataclass(frozen=True)
+class RowGradients:
+    """The sums of bands that the backward pass of projection reads, and the tensors it writes."""
+
+    sums: Float[Tensor, "m s"]
+    splats: SplatGradients
+    pose: Float[Tensor, " p"] | None
+    screen_gradient: Float[Tensor, " n"] | None
+    absgrad: Float[Tensor, " n"] | None
+    contribution: Float[Tensor, " n"] | None
+    accumulate: bool = False
+
+
+@dataclass(frozen=True)
+class BandInputs:
+    """The tensors that one band of an image is blended from."""
+
+    rows: Float[Tensor, "m k"]
+    top: int
+    """First row of pixels in the image."""
+    background: Float[Tensor, " d"]
+    pixel_weights: Float[Tensor, "h w"] | None
+
+
+@dataclass(frozen=True)
+class BandOutputs:
+    """The tensors that blending a band writes."""
+
+    image: Float[Tensor, "h w d"]
+    alpha: Float[Tensor, "h w"]
+    contribution: Float[Tensor, " m"] | None
+
+
+@dataclass(frozen=True)
+class BandGradients:
+    """The gradients of a band, and the sums that its backward pass writes."""
+
+    image: Float[Tensor, "h w d"]
+    alpha: Float[Tensor, "h w"] | None
+    absolute: bool
+    sums: Float[Tensor, "m s"]

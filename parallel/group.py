@@ -39,16 +39,21 @@ class Group:
         self.bytes_sent += values.nbytes * (self.size - 1) // self.size
         return self._exchanged(values)
 
-    def exchange_rows(self, parts: Sequence[Tensor], received: Sequence[int]) -> list[Tensor]:
+    def exchange_rows(
+        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
+    ) -> list[Tensor]:
         """Send rows to every process; return those from each, in order of rank.
 
         Args:
-            parts: [m, k] for each process, of any number of rows.
+            rows: [m, k]: those for the first process, then those for the next one, and so on.
+            sent: number of rows for each process.
             received: number of rows that each process sends to this one.
         """
-        own = parts[self.rank].nbytes
-        self.bytes_sent += sum(part.nbytes for part in parts) - own
-        return self._exchanged_rows(parts, received)
+        if self.size == 1:
+            return [rows]
+        width = rows.nbytes // max(len(rows), 1)
+        self.bytes_sent += (sum(sent) - sent[self.rank]) * width
+        return self._exchanged_rows(rows, sent, received)
 
     def all_gather_rows(self, values: Tensor, counts: Sequence[int]) -> Tensor:
         """Rows of all processes, one after another in order of rank; every process has its number.
@@ -57,6 +62,8 @@ class Group:
             values: [counts[rank], ...] of this process.
             counts: number of rows of each process, the same in all.
         """
+        if self.size == 1:
+            return values
         longest = max(counts)
         padded = values.new_zeros(longest, *values.shape[1:])
         padded[: len(values)] = values
@@ -65,6 +72,8 @@ class Group:
 
     def all_gather(self, values: Tensor) -> Tensor:
         """The tensors of all processes, which have one shape, stacked in order of rank."""
+        if self.size == 1:
+            return values[None]
         self.bytes_sent += values.nbytes * (self.size - 1)
         return self._all_gathered(values.contiguous())
 
@@ -74,11 +83,12 @@ class Group:
             dist.all_to_all_single(received, values)
         return received
 
-    def _exchanged_rows(self, parts: Sequence[Tensor], received: Sequence[int]) -> list[Tensor]:
-        sent = torch.cat(list(parts))
-        found = sent.new_empty(sum(received), *sent.shape[1:])
+    def _exchanged_rows(
+        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
+    ) -> list[Tensor]:
+        found = rows.new_empty(sum(received), *rows.shape[1:])
         with losses_named():
-            dist.all_to_all_single(found, sent, list(received), [len(part) for part in parts])
+            dist.all_to_all_single(found, rows.contiguous(), list(received), list(sent))
         return list(found.split(list(received)))
 
     def _all_gathered(self, values: Tensor) -> Tensor:

@@ -52,26 +52,34 @@ def render(
         ConfigError: an image has more tile intersections than fit into ``pairs_mb``.
         ValueError: an input has a property that the kernels do not support.
     """
-    _check(backend, cameras)
+    check_cameras(backend.name, cameras)
     statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
-    channels, size = rendered_channels(splats, settings), splats.means.element_size()
-    limit = PairLimit(pairs_mb, backend.pair_bytes(channels, size), backend.max_pairs)
-    inputs, offsets = _inputs(splats, cameras)
+    limit = pair_limit(backend, pairs_mb, splats, settings)
+    inputs, offsets = flat_inputs(splats, cameras)
     wanted = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in inputs)
     call = render_call(splats, cameras, settings, statistics, limit, wanted)
     image, alpha = _Render.apply(backend, call, log, offsets, *inputs)
-    return _output(image, alpha[..., None], splats, settings, statistics)
+    return split_channels(image, alpha[..., None], splats, settings, statistics)
 
 
-def _check(backend: KernelBackend, cameras: Cameras) -> None:
+def pair_limit(
+    backend: KernelBackend, pairs_mb: float, splats: Splats, settings: RenderSettings
+) -> PairLimit:
+    """Most tile intersections that fit into ``pairs_mb`` megabytes."""
+    channels, size = rendered_channels(splats, settings), splats.means.element_size()
+    return PairLimit(pairs_mb, backend.pair_bytes(channels, size), backend.max_pairs)
+
+
+def check_cameras(rasterizer: str, cameras: Cameras) -> None:
+    """Refuse cameras whose intrinsics want gradients."""
     if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
         raise ValueError(
-            f"cameras.intrinsics: expected a tensor without gradient, because the {backend.name} "
+            f"cameras.intrinsics: expected a tensor without gradient, because the {rasterizer} "
             "rasterizer has none by intrinsics; use the reference rasterizer"
         )
 
 
-def _inputs(splats: Splats, cameras: Cameras) -> tuple[list[Tensor | None], Tensor | None]:
+def flat_inputs(splats: Splats, cameras: Cameras) -> tuple[list[Tensor | None], Tensor | None]:
     """The tensors that an image can be differentiated by, and the offsets of ragged colours.
 
     All are contiguous, in the order of ``SplatGradients``, the pose last. Rows of colours are flat.
@@ -140,7 +148,7 @@ class _Render(torch.autograd.Function):
                 )
             )
         ctx.log.record(ctx.passes)
-        pose = None if poses is None else _pose_gradient(poses, call.cameras.world_to_camera)
+        pose = None if poses is None else pose_gradient(poses, call.cameras.world_to_camera)
         return None, None, None, None, *gradients, pose
 
 
@@ -164,7 +172,7 @@ def _render_one(
         raise call.limit.refuse(refused.count) from None
 
 
-def _pose_gradient(
+def pose_gradient(
     sums: Float[Tensor, "c 15"], world_to_camera: Float[Tensor, "c 4 4"]
 ) -> Float[Tensor, "c 4 4"]:
     """Join the sums of the kernels: by rotation, by translation, and by the camera centre.
@@ -180,14 +188,14 @@ def _pose_gradient(
     return gradient
 
 
-def _output(
+def split_channels(
     image: Tensor,
     alpha: Tensor,
     splats: Splats,
     settings: RenderSettings,
     statistics: RenderStatistics,
 ) -> RenderOutput:
-    """Split the rendered channels."""
+    """Split the rendered channels, and put a background that is learned behind the colours."""
     extras = 0 if splats.extra is None else splats.extra.shape[1]
     color, extra, depth = image, None, None
     if image.shape[-1] > splats.channels:

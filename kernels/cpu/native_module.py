@@ -7,6 +7,8 @@ from functools import lru_cache
 from types import ModuleType
 from typing import Any
 
+import torch
+
 from gsfw.core.errors import ConfigError
 
 NOT_BUILT = (
@@ -45,6 +47,11 @@ def required() -> Any:  # noqa: ANN401 - the module's stub is for its own users
     module = native()
     assert module is not None, "these operators are chosen only where the module is there"
     return module
+
+
+def native_class(name: str, dtype: torch.dtype) -> Any:  # noqa: ANN401
+    """The class of the module for numbers of a type, float32 or float64."""
+    return getattr(required(), f"{name}Float{8 * dtype.itemsize}")
 
 
 @lru_cache(maxsize=1)

@@ -127,10 +127,10 @@ class GaussianParallel(ParallelTeam):
         if self.leads:
             whole = mapped_tensor(folder, (self.num_rows, *values.shape[1:]), values.dtype)
         for sender, count in enumerate(counts):
-            sent = [nothing] * self.size
-            sent[0] = values if sender == self.rank else nothing
+            own = values if sender == self.rank else nothing
+            sent = [len(own)] + [0] * (self.size - 1)
             received = [count if self.leads and rank == sender else 0 for rank in range(self.size)]
-            found = self._group.exchange_rows(sent, received)
+            found = self._group.exchange_rows(own, sent, received)
             if whole is not None:
                 whole[start : start + count] = found[sender]
             start += count
@@ -149,9 +149,7 @@ class GaussianParallel(ParallelTeam):
         received = [line[self.rank] for line in table]
         return {
             name: torch.cat(
-                self._group.exchange_rows(
-                    values.index_select(0, order).split(sent.tolist()), received
-                )
+                self._group.exchange_rows(values.index_select(0, order), sent.tolist(), received)
             )
             for name, values in rows.items()
         }
@@ -188,21 +186,22 @@ class GaussianParallel(ParallelTeam):
         data = [rendered.losses[name] for name in rendered.data_losses]
         (torch.stack(data).sum() * share).backward()
         of_images = _taken(tensors)
-        statistics = [view.back() for view in self._open]
+        for view in self._open:
+            view.back()
         of_shards = []
         for place, terms in enumerate(rendered.by_rows):
             self._shard_backward(place, list(terms.values()), share)
             if tensors:
                 of_shards.append(_flat(_taken(tensors)))
-        self._statistics.append(self._by_row(statistics[0]))
+        self._statistics.append(self._by_row(self._open[0].statistics()))
         self._open.clear()
         if tensors:
             self._add_up(before, of_images, torch.stack(of_shards))
 
     def _shard_backward(self, place: int, terms: list[Tensor], share: float) -> None:
         """The backward pass of one shard of the rows, in all renders of the batch."""
-        roots = [view.shards[place].flat.values for view in self._open]
-        gradients = [view.shard_gradients(place) for view in self._open]
+        pairs = [view.shard_gradient(place) for view in self._open]
+        roots, gradients = map(list, zip(*pairs, strict=True))
         terms = [term for term in terms if term.requires_grad]
         if terms:
             roots.append(torch.stack(terms).sum())
@@ -238,19 +237,19 @@ class GaussianParallel(ParallelTeam):
 
         Only rows that the view has seen are sent: bytes do not grow with the scene.
         """
-        names = [name for name in STATISTICS if getattr(of_shards[0], name) is not None]
-        own = torch.stack(
-            [torch.cat([getattr(one, name)[0].float() for one in of_shards]) for name in names],
-            dim=1,
-        )
-        seen = own.any(dim=1).nonzero()
-        lines = torch.cat([seen.int().view(torch.float32), own[seen[:, 0]]], dim=1)
+        if self.size == 1:
+            return RenderStatistics.joined_rows(of_shards)
+        own = RenderStatistics.joined_rows(of_shards)
+        names = [name for name in STATISTICS if getattr(own, name) is not None]
+        seen = own.visible[0].nonzero()[:, 0]
+        columns = [getattr(own, name)[0].index_select(0, seen).float() for name in names]
+        lines = torch.stack([seen.int().view(torch.float32), *columns], dim=1)
         counts = self._group.all_gather(torch.tensor([len(seen)], device=seen.device))[:, 0]
         found = self._group.all_gather_rows(lines, counts.tolist())
         starts = [self.division.rows_of(rank, self.num_rows).start for rank in range(self.size)]
         first = torch.tensor(starts, device=seen.device).repeat_interleave(counts)
-        rows = found[:, :1].contiguous().view(torch.int32)[:, 0] + first
-        of_all = own.new_zeros(len(names), 1, self.num_rows)
+        rows = found[:, 0].contiguous().view(torch.int32) + first
+        of_all = own.radii.new_zeros(len(names), 1, self.num_rows)
         of_all[:, 0, rows] = found[:, 1:].T
         values = dict(zip(names, of_all, strict=True))
         return RenderStatistics(**{**values, "visible": values["visible"].bool()})

@@ -1,39 +1,37 @@
 """View: one image that all processes render together, and its backward pass.
 
-Forward: every process projects its rows, shard by shard, and sends the flat splats to the processes
-whose bands they reach; each renders its bands, and sends them to all. Backward: each process has
-the gradient of the whole image, goes back through its bands, and returns the gradients of flat
-splats to the processes that sent them. They are added in the order of the bands.
+Forward: every process projects its rows, shard by shard, and sends the splats to the processes
+whose bands they reach; each renders its bands, and sends them to all. Backward: every process has
+the gradient of the whole image, goes back through its bands, and returns sums for each splat to the
+process that sent it. They are added in the order of the bands.
 
-Per image and process that is, of m flat splats with k values that reach b bands each, and N
+Per image and process that is, of m splats with k values and s sums that reach b bands each, and N
 processes, up to a splat in the last band,
 
-    4 (k + 2) m b (N - 1) / N^2 bytes backward, 4 k of them forward, and the image itself.
+    4 s m b (N - 1) / N^2 bytes backward, 4 k of them forward, and the image itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.bands import BandedSplats, Bands, RenderedBand
 from gsfw.core.cameras import Cameras
-from gsfw.core.errors import ConfigError
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
-from gsfw.core.render_output import RenderOutput, RenderStatistics
-from gsfw.core.render_settings import Depth, RenderSettings, Statistic
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.parallel.group import Group
 from gsfw.parallel.sharded.division import Division
-from gsfw.parallel.sharded.projection import SHAPE, FlatSplats, band_camera, drawn, project
+from gsfw.parallel.sharded.flat_bands import FlatBands
 from gsfw.parallel.sharded.window import Window
-
-GRADIENTS = frozenset({Statistic.SCREEN_GRADIENT})
-"""Statistics that follow from the gradients of flat splats; bands need not measure them."""
 
 
 @dataclass(frozen=True)
@@ -42,22 +40,22 @@ class Shard:
 
     window: Window
     splats: Splats
-    flat: FlatSplats
-    sent: tuple[Int[Tensor, " r"], ...]
-    """For each band, the flat splats that may reach it."""
+    banded: BandedSplats
+
+    def sent_to(self, band: int) -> Float[Tensor, "m k"]:
+        """The splats that may reach a band."""
+        start = sum(self.banded.counts[:band])
+        return self.banded.rows[start : start + self.banded.counts[band]]
 
 
 @dataclass(frozen=True)
 class Band:
-    """A band of an image that this process renders."""
+    """A band of the image that this process renders."""
 
-    number: int
     pixels: range
-    splats: Float[Tensor, "m k"]
-    """Flat splats of all processes that may reach it, without a graph; they get gradients."""
     counts: tuple[int, ...]
-    """Number of them from each process."""
-    output: RenderOutput
+    """Number of its splats from each process."""
+    rendered: RenderedBand
 
 
 class View:
@@ -89,225 +87,141 @@ class View:
         Raises:
             ConfigError: a statistic cannot be added up over bands.
         """
-        if Statistic.ABSGRAD in settings.statistics:
-            raise ConfigError(
-                f"shards={division.shards}: absolute gradients (strategy.absgrad=true) are sums "
-                "over a whole image, and processes render bands of it.",
-                "Train with strategy.absgrad=false, or with shards=0.",
-            )
-        self._group, self._division, self._camera, self.settings = group, division, camera, settings
-        self._bands_pixels = division.bands(camera.height)
-        self._first_row = division.rows_of(group.rank, rows).start
-        self.shards = [self._shard(model, number, rows, time) for number in self._numbers()]
-        first = self.shards[0].splats
-        self._channels = first.channels
-        self._extras = 0 if first.extra is None else first.extra.shape[1]
-        self.bands = self._rendered(rasterizer)
-        self.output = self._gathered()
-
-    def _numbers(self) -> range:
-        return self._division.shards_of(self._group.rank)
+        self._group, self._division, self._height = group, division, camera.height
+        self._pixels = division.bands(camera.height)
+        evaluated = list(self._evaluated(model, camera, rows, time))
+        like = evaluated[0][1]
+        self._image = _image(rasterizer, like, camera, settings, self._pixels)
+        self.shards = [
+            Shard(window, splats, self._image.project(splats)) for window, splats in evaluated
+        ]
+        self.bands = self._rendered()
+        self._pixel_values = self._gathered(camera.width)
+        self.output = self._image.output(*self._pixel_values)
 
     # Forward.
 
-    def _shard(
-        self, model: PrimitiveModel, number: int, rows: int, time: Float[Tensor, ""] | None
-    ) -> Shard:
-        """Evaluate the model and project its splats, for the rows of one shard."""
-        division = self._division
-        start = division.start(number, rows) - self._first_row
-        window = Window(model, start, division.start(number + 1, rows) - self._first_row)
-        with window.shown():
-            splats = model.splats(time, self._camera)
-        flat = project(splats, self._camera, self.settings)
-        return Shard(
-            window, splats, flat, tuple(flat.reaching(band) for band in self._bands_pixels)
-        )
+    def _evaluated(
+        self, model: PrimitiveModel, camera: Cameras, rows: int, time: Float[Tensor, ""] | None
+    ) -> list[tuple[Window, Splats]]:
+        """Evaluate the model for the rows of each shard of this process."""
+        division, rank, found = self._division, self._group.rank, []
+        first = division.rows_of(rank, rows).start
+        for number in division.shards_of(rank):
+            ends = (division.start(number + step, rows) - first for step in (0, 1))
+            window = Window(model, *ends)
+            with window.shown():
+                found.append((window, model.splats(time, camera)))
+        return found
 
-    def _rendered(self, rasterizer: Rasterizer) -> list[Band]:
-        """Exchange flat splats, and render the bands of this process."""
+    def _bands_of(self, rank: int) -> list[int]:
+        return self._division.bands_of(rank, self._height)
+
+    def _sent(self, band: int) -> int:
+        """Splats that this process sends to a band."""
+        return sum(shard.banded.counts[band] for shard in self.shards)
+
+    def _sent_by_rank(self) -> list[list[int]]:
+        """Splats that this process sends to each band of each process."""
+        ranks = range(self._group.size)
+        return [[self._sent(band) for band in self._bands_of(rank)] for rank in ranks]
+
+    def _rendered(self) -> list[Band]:
+        """Exchange splats, and render the bands of this process."""
         group = self._group
-        counts = torch.tensor(
-            [sum(len(shard.sent[b]) for shard in self.shards) for b in self._all()]
-        )
+        counts = torch.tensor([self._sent(band) for band in range(len(self._pixels))])
         table: list[list[int]] = group.all_gather(counts.to(group.device)).tolist()
-        sent = [
-            torch.cat([self._outgoing(band) for band in self._bands_of(rank)])
-            if self._bands_of(rank)
-            else self._nothing()
-            for rank in range(group.size)
-        ]
+        places = [band for rank in range(group.size) for band in self._bands_of(rank)]
+        sent = torch.cat([shard.sent_to(band) for band in places for shard in self.shards])
         own = self._bands_of(group.rank)
-        found = group.exchange_rows(sent, [sum(line[b] for b in own) for line in table])
+        received = [sum(line[b] for b in own) for line in table]
+        found = group.exchange_rows(sent, list(map(sum, self._sent_by_rank())), received)
         by_rank = [
             rows.split([line[b] for b in own]) for rows, line in zip(found, table, strict=True)
         ]
         return [
-            self._band(rasterizer, band, [bands[place] for bands in by_rank])
-            for place, band in enumerate(own)
+            self._band(band, [bands[place] for bands in by_rank]) for place, band in enumerate(own)
         ]
 
-    def _all(self) -> range:
-        return range(len(self._bands_pixels))
+    def _band(self, number: int, received: Sequence[Tensor]) -> Band:
+        rows = received[0] if len(received) == 1 else torch.cat(list(received))
+        rendered = self._image.render(number, rows)
+        return Band(self._pixels[number], tuple(map(len, received)), rendered)
 
-    def _bands_of(self, rank: int) -> list[int]:
-        return self._division.bands_of(rank, self._camera.height)
-
-    def _outgoing(self, band: int) -> Float[Tensor, "m k"]:
-        """The flat splats of this process that may reach a band, shard by shard."""
-        return torch.cat(
-            [shard.flat.values.detach().index_select(0, shard.sent[band]) for shard in self.shards]
-        )
-
-    def _nothing(self) -> Float[Tensor, "0 k"]:
-        return self.shards[0].flat.values.detach()[:0]
-
-    def _band(self, rasterizer: Rasterizer, number: int, received: Sequence[Tensor]) -> Band:
-        pixels, settings = self._bands_pixels[number], self.settings
-        splats = torch.cat(list(received)).requires_grad_(torch.is_grad_enabled())
-        weights = settings.contribution_weights
-        output = rasterizer.render(
-            drawn(splats, self._channels),
-            band_camera(self._camera, pixels),
-            replace(
-                settings,
-                statistics=settings.statistics - GRADIENTS,
-                contribution_weights=None
-                if weights is None
-                else weights[:, pixels.start : pixels.stop].contiguous(),
-            ),
-        )
-        return Band(number, pixels, splats, tuple(map(len, received)), output)
-
-    def _images(self, output: RenderOutput) -> list[Tensor]:
-        """The images of a render, in one order."""
-        images = [output.color, output.alpha, output.depth, output.extra]
-        return [image for image in images if image is not None]
-
-    def _gathered(self) -> RenderOutput:
-        """The whole image in every process; it gets gradients, and has no graph."""
-        most = len(self._division.bands_of(0, self._camera.height))
-        step = self._division.band_height(self._camera.height)
-        widths = [self._channels, 1, int(self.settings.depth is not Depth.NONE), self._extras]
-        like = self._nothing()
-        own = like.new_zeros(most, step, self._camera.width, sum(widths))
+    def _gathered(self, width: int) -> tuple[Tensor, Tensor]:
+        """All channels and alpha of the whole image, in every process; they take gradients."""
+        most, step = len(self._bands_of(0)), len(self._pixels[0])
+        like, wanted = self.shards[0].banded.rows, torch.is_grad_enabled()
+        images = like.new_zeros(most, step, width, self._image.channels)
+        alphas = like.new_zeros(most, step, width, 1)
         for place, band in enumerate(self.bands):
-            joined = torch.cat([image.detach()[0] for image in self._images(band.output)], dim=-1)
-            own[place, : len(band.pixels)] = joined
-        found = self._group.all_gather(own)
-        whole = torch.cat(
-            [
-                found[band % self._group.size, band // self._group.size, : len(pixels)]
-                for band, pixels in enumerate(self._bands_pixels)
-            ]
-        )[None]
-        color, alpha, depth, extra = [
-            image.contiguous().requires_grad_(torch.is_grad_enabled())
-            for image in whole.split(widths, dim=-1)
-        ]
-        return RenderOutput(
-            color=color,
-            alpha=alpha,
-            statistics=RenderStatistics.zeros(like[:, :3], 1, frozenset()),
-            depth=depth if widths[2] else None,
-            extra=extra if widths[3] else None,
-        )
+            images[place, : len(band.pixels)] = band.rendered.image
+            alphas[place, : len(band.pixels), :, 0] = band.rendered.alpha
+        image, alpha = (self._whole(values).requires_grad_(wanted) for values in (images, alphas))
+        return image, alpha
+
+    def _whole(self, own: Float[Tensor, "b s w d"]) -> Float[Tensor, "1 h w d"]:
+        """The bands of all processes, one below the other; a process has every N-th."""
+        found = self._group.all_gather(own).transpose(0, 1)
+        return found.flatten(0, 2)[None, : self._height].contiguous()
 
     # Backward.
 
-    def back(self) -> list[RenderStatistics]:
-        """Go back from the gradient of the whole image to the splats of each shard.
-
-        Returns:
-            The statistics of the rows of each shard, whose graph waits for ``shard_gradients``.
-        """
-        self._gradients = self._returned()
-        return [self._statistics(place) for place in range(len(self.shards))]
-
-    def _returned(self) -> list[list[Tensor]]:
-        """For each band and shard: the gradients of flat splats, and what the band has measured."""
-        group = self._group
-        lines = [self._measured(band) for band in self.bands]
-        sent = [
-            torch.cat(
-                [self._nothing_measured()]
-                + [
-                    line.split(list(band.counts))[rank]
-                    for line, band in zip(lines, self.bands, strict=True)
-                ]
+    def back(self) -> None:
+        """Go back from the gradient of the whole image to sums for the splats of each shard."""
+        group, width = self._group, self.shards[0].banded.num_sums
+        lines = [self._sums(band).split(list(band.counts)) for band in self.bands]
+        nothing = self.shards[0].banded.rows.new_zeros(0, width)
+        by_rank = [line[rank] for rank in range(group.size) for line in lines]
+        counts = self._sent_by_rank()
+        sent = [sum(band.counts[rank] for band in self.bands) for rank in range(group.size)]
+        found = group.exchange_rows(
+            torch.cat([nothing, *by_rank]), sent, [sum(line) for line in counts]
+        )
+        returned = [rows.split(line) for rows, line in zip(found, counts, strict=True)]
+        by_band = [
+            returned[band % group.size][band // group.size].split(
+                [shard.banded.counts[band] for shard in self.shards]
             )
-            for rank in range(group.size)
+            for band in range(len(self._pixels))
         ]
-        counts = [
-            [sum(len(shard.sent[band]) for shard in self.shards) for band in self._bands_of(rank)]
-            for rank in range(group.size)
-        ]
-        found = group.exchange_rows(sent, [sum(line) for line in counts])
-        by_rank = [rows.split(line) for rows, line in zip(found, counts, strict=True)]
-        return [
-            list(
-                by_rank[band % group.size][band // group.size].split(
-                    [len(shard.sent[band]) for shard in self.shards]
-                )
-            )
-            for band in self._all()
-        ]
+        self._returned = [torch.cat(list(parts)) for parts in zip(*by_band, strict=True)]
 
-    def _nothing_measured(self) -> Float[Tensor, "0 k"]:
-        width = SHAPE + self._channels + self._extras + 2 + self._contributes
-        return self._nothing().new_zeros(0, width)
-
-    @property
-    def _contributes(self) -> bool:
-        return Statistic.CONTRIBUTION in self.settings.statistics
-
-    def _measured(self, band: Band) -> Float[Tensor, "m k"]:
-        """Gradients of the flat splats of a band, their visibility, radii and contributions."""
-        images = self._images(band.output)
-        wholes = self._images(self.output)
+    def _sums(self, band: Band) -> Float[Tensor, "m s"]:
+        """Sums for each splat of a band, from the gradient of the image."""
         rows = slice(band.pixels.start, band.pixels.stop)
-        pairs = [
-            (image, whole.grad[:, rows].contiguous())
-            for image, whole in zip(images, wholes, strict=True)
-            if whole.grad is not None and image.requires_grad
+        by_image, by_alpha = (whole.grad for whole in self._pixel_values)
+        return band.rendered.sums(
+            None if by_image is None else by_image[0, rows],
+            None if by_alpha is None else by_alpha[0, rows, :, 0],
+        )
+
+    def shard_gradient(self, place: int) -> tuple[Tensor, Tensor]:
+        """A tensor in the graph of a shard, and its gradient, after ``back``."""
+        return self.shards[place].banded.gradient(self._returned[place])
+
+    def statistics(self) -> list[RenderStatistics]:
+        """The statistics of all rows of each shard, after the backward passes of all."""
+        return [
+            shard.banded.statistics(sums).map(partial(_by_row, shard))
+            for shard, sums in zip(self.shards, self._returned, strict=True)
         ]
-        if pairs:
-            torch.autograd.backward([one for one, _ in pairs], [gradient for _, gradient in pairs])
-        gradient = band.splats.grad
-        if gradient is None:
-            gradient = torch.zeros_like(band.splats)
-        seen = band.output.statistics
-        measured = [gradient, seen.visible.T.to(gradient), seen.radii.T.to(gradient)]
-        if self._contributes:
-            assert seen.contribution is not None
-            measured.append(seen.contribution.T.to(gradient))
-        return torch.cat(measured, dim=1)
 
-    def shard_gradients(self, place: int) -> Float[Tensor, "m k"]:
-        """The gradients of the flat splats of a shard; bands are added in their order."""
-        shard, width = self.shards[place], self.shards[place].flat.values.shape[1]
-        total = torch.zeros_like(shard.flat.values)
-        for rows, found in zip(shard.sent, self._gradients, strict=True):
-            total.index_add_(0, rows, found[place][:, :width])
-        return total
 
-    def _statistics(self, place: int) -> RenderStatistics:
-        """The statistics of all rows of a shard."""
-        shard, width = self.shards[place], self.shards[place].flat.values.shape[1]
-        flat = RenderStatistics.zeros(shard.flat.values, 1, self.settings.statistics)
-        for rows, found in zip(shard.sent, self._gradients, strict=True):
-            visible, radii = found[place][:, width : width + 2].unbind(1)
-            flat.visible[0, rows] |= visible > 0
-            flat.radii[0, rows] = torch.maximum(flat.radii[0, rows], radii)
-            if flat.contribution is not None:
-                flat.contribution[0].index_add_(0, rows, found[place][:, width + 2])
-        if flat.screen_gradient is not None:
-            half = 0.5 * flat.radii.new_tensor([self._camera.width, self._camera.height])
-            flat.screen_gradient[0] = (self.shard_gradients(place)[:, :2] * half).norm(dim=1)
-        return flat.map(lambda values: self._by_row(shard, values))
+def _image(
+    rasterizer: Rasterizer,
+    splats: Splats,
+    camera: Cameras,
+    settings: RenderSettings,
+    pixels: Sequence[range],
+) -> Bands:
+    """The bands of an image, by kernels for them where the rasterizer has some."""
+    found = rasterizer.bands(splats, camera, settings, pixels)
+    return found or FlatBands(rasterizer, splats, camera, settings, pixels)
 
-    @staticmethod
-    def _by_row(shard: Shard, values: Tensor) -> Tensor:
-        """Values of flat splats, for all rows of their shard."""
-        rows = shard.flat.rows if shard.splats.rows is None else shard.splats.rows[shard.flat.rows]
-        return values.new_zeros(1, shard.window.count).index_copy(1, rows, values)
+
+def _by_row(shard: Shard, values: Tensor) -> Tensor:
+    """Values of splats, for all rows of their shard."""
+    if shard.splats.rows is None:
+        return values
+    return values.new_zeros(1, shard.window.count).index_copy(1, shard.splats.rows, values)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import torch
-
+from gsfw.core.bands import Bands
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.capabilities import Capabilities, Determinism, Feature
 from gsfw.core.rasterizer import Rasterizer, StageTime
@@ -17,7 +16,8 @@ from gsfw.kernels.cpu.native_module import (
     NOT_BUILT,
     instruction_set,
     instruction_sets,
-    native,
+    native_class,
+    required,
     unavailable,
 )
 from gsfw.kernels.cpu.threads import num_threads
@@ -27,7 +27,8 @@ from gsfw.kernels.render_arguments import (
     KernelOutputs,
     KernelSettings,
 )
-from gsfw.rasterizers.autograd import render
+from gsfw.rasterizers.autograd import pair_limit, render
+from gsfw.rasterizers.cpu.bands import CpuBands
 from gsfw.rasterizers.kernel_backend import ForwardPass, KernelBackend, StageLog, TooManyPairs
 
 
@@ -56,6 +57,13 @@ class CpuRasterizer(Rasterizer):
         """Project, sort, bin, blend, and (0 until run) blend_backward, project_backward."""
         return dict(self._log)
 
+    def bands(
+        self, splats: Splats, camera: Cameras, settings: RenderSettings, pixels: Sequence[range]
+    ) -> Bands:
+        """An image of which several processes render bands."""
+        limit = pair_limit(CpuBackend(), self.pairs_mb, splats, settings)
+        return CpuBands(limit, splats, camera, settings, pixels)
+
     def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         if splats.means.device.type != "cpu":
             raise ValueError(
@@ -72,19 +80,17 @@ class CpuBackend(KernelBackend):
 
     def pair_bytes(self, channels: int, element_size: int) -> int:
         """Memory per tile intersection: unsorted, sorted, and its sums in the backward pass."""
-        module = _native()
+        module = required()
         return module.PAIR_BYTES + (module.SLOT_FIELDS + channels) * element_size
 
     def render(
         self, inputs: KernelInputs, settings: KernelSettings, outputs: KernelOutputs
     ) -> ForwardPass:
         """Render one image."""
-        module = _native()
-        single = outputs.image.dtype == torch.float32
-        kind = module.RenderPassFloat32 if single else module.RenderPassFloat64
+        kind = native_class("RenderPass", outputs.image.dtype)
         try:
             return CpuForwardPass(kind(inputs.detached(), settings, outputs, num_threads()))
-        except module.TooManyPairs as refused:
+        except required().TooManyPairs as refused:
             raise TooManyPairs(refused.args[0]) from None
 
 
@@ -101,9 +107,3 @@ class CpuForwardPass(ForwardPass):
     def times(self) -> Mapping[str, tuple[float, float]]:
         """Milliseconds of each stage: summed over all threads, and by the wall clock."""
         return self._pass.times()
-
-
-def _native() -> Any:  # noqa: ANN401
-    module = native()
-    assert module is not None, "the capabilities say that there is none"
-    return module

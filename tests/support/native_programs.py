@@ -26,8 +26,8 @@ KERNELS = ("render", "step", "field", "stereo")
 """Parts of the engine that have kernels for every instruction set."""
 
 DRIVERS = (
-    *("depth_fusion", "field", "instruction_sets", "pool", "render_pass", "sort", "step"),
-    "stereo",
+    *("bands", "blend_pass", "depth_fusion", "field", "instruction_sets", "pool"),
+    *("project_pass", "render_pass", "sort", "step", "stereo"),
 )
 """Sources of the rest."""
 

@@ -48,8 +48,11 @@ class ThreadGroup(Group):
     def _exchanged(self, values: Tensor) -> Tensor:
         return torch.stack([part[self.rank] for part in self._table.shared(self.rank, values)])
 
-    def _exchanged_rows(self, parts: Sequence[Tensor], received: Sequence[int]) -> list[Tensor]:
-        found = [sent[self.rank] for sent in self._table.shared(self.rank, parts)]
+    def _exchanged_rows(
+        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
+    ) -> list[Tensor]:
+        parts = self._table.shared(self.rank, rows.split(list(sent)))
+        found = [part[self.rank] for part in parts]
         assert [len(part) for part in found] == list(received)
         return found
 

@@ -13,9 +13,6 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
-/// Pixels, and 1/100 of it per pixel of extent, by which rounding may not shrink an ellipse.
-constexpr double SLACK = 1e-3;
-
 /// Tiles along the side of a window.
 constexpr int WINDOW_TILES = LANES / TILE_BLOCKS;
 

@@ -18,6 +18,8 @@ constexpr int PIXELS = TILE * TILE;
 constexpr int CHUNK = 256;
 /// Rows of the model that are one task of projection.
 constexpr int ROWS_PER_TASK = 1024;
+/// Pixels, and 1/100 of it per pixel of extent, by which rounding may not shrink an ellipse.
+constexpr double SLACK = 1e-3;
 
 /// A projected splat: one row of numbers per row of the model. Centre in pixels; r, -w k and w of
 /// the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -

@@ -7,6 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -16,6 +17,7 @@
 #include <vector>
 
 #include "check.h"
+#include "bands.h"
 #include "render_pass.h"
 #include "instruction_sets.h"
 
@@ -195,37 +197,90 @@ struct Results {
   }
 };
 
+/// Room for all gradients of a scene.
+template <typename T>
+ProjectGradients<T> gradients_of(const Scene<T>& scene, Results<T>& results) {
+  const int64_t n = scene.is.count;
+  const bool all = scene.is.everything;
+  const auto gradient = [&](const char* name, const std::vector<T>& array) -> T* {
+    return array.empty() ? nullptr : results.add(name, int64_t(array.size()));
+  };
+  return {{gradient("means", scene.means), gradient("quats", scene.quats),
+           gradient("scales", scene.scales), gradient("covariances", scene.covariances),
+           gradient("opacities", scene.opacities), gradient("colors", scene.colors),
+           gradient("rest", scene.rest), gradient("extra", scene.extra)},
+          false,
+          all ? results.add("pose", POSE_FIELDS) : nullptr,
+          all ? results.add("screen gradient", n) : nullptr,
+          all ? results.add("absolute gradient", n) : nullptr};
+}
+
 template <typename T>
 Results<T> render(const Scene<T>& scene, int threads) {
   const Case& is = scene.is;
   const int64_t n = is.count, pixels = int64_t(is.width) * is.height;
   Results<T> results;
   results.visible.assign(static_cast<size_t>(n), 77);
-  const RenderOutputs<T> outputs = {
-      results.add("image", pixels * scene.channels), results.add("alpha", pixels),
-      results.visible.data(), results.add("radii", n),
-      is.everything ? results.add("contribution", n) : nullptr};
+  const BlendOutputs<T> blended = {results.add("image", pixels * scene.channels),
+                                   results.add("alpha", pixels),
+                                   is.everything ? results.add("contribution", n) : nullptr};
+  const RenderOutputs<T> outputs = {blended, results.visible.data(), results.add("radii", n)};
   RenderPass<T> rendering(arguments_of(scene, threads), outputs);
-  const auto gradient = [&](const char* name, const std::vector<T>& array) -> T* {
-    return array.empty() ? nullptr : results.add(name, int64_t(array.size()));
-  };
-  RenderGradients<T> gradients{};
-  gradients.image = scene.image_gradient.data();
-  gradients.alpha = or_null(scene.alpha_gradient);
-  gradients.splats = {gradient("means", scene.means),   gradient("quats", scene.quats),
-                      gradient("scales", scene.scales), gradient("covariances", scene.covariances),
-                      gradient("opacities", scene.opacities), gradient("colors", scene.colors),
-                      gradient("rest", scene.rest),     gradient("extra", scene.extra)};
-  if (is.everything) {
-    gradients.pose = results.add("pose", POSE_FIELDS);
-    gradients.screen_gradient = results.add("screen gradient", n);
-    gradients.absgrad = results.add("absolute gradient", n);
-  }
+  RenderGradients<T> gradients = {scene.image_gradient.data(), or_null(scene.alpha_gradient),
+                                  gradients_of(scene, results)};
   rendering.backward(gradients);
   if (is.everything) {
-    gradients.accumulate = true;
+    gradients.projected.accumulate = true;
     rendering.backward(gradients);
   }
+  return results;
+}
+
+/// The same scene in bands of one tile, whose splats come from one array and whose sums go back.
+template <typename T>
+Results<T> render_in_bands(const Scene<T>& scene, int threads) {
+  const Case& is = scene.is;
+  const int64_t n = is.count, pixels = int64_t(is.width) * is.height;
+  const RenderArguments<T> arguments = arguments_of(scene, threads);
+  Results<T> results;
+  results.visible.assign(static_cast<size_t>(n), 77);
+  T* image = results.add("image", pixels * scene.channels);
+  T* alpha = results.add("alpha", pixels);
+  T* radii = results.add("radii", n);
+  BandedRows<T> rows(arguments.view, arguments.splats, arguments.cut_offs.level_min, TILE, threads,
+                     results.visible.data(), radii);
+  int64_t total = 0;
+  for (const int64_t count : rows.counts()) total += count;
+  const int fields = sent_fields(scene.channels);
+  const int measured = is.everything ? 3 : 0;
+  const int stride = SLOT_CHANNELS + scene.channels + measured;
+  std::vector<T> packed(total * fields), sums(total * stride, T(12345));
+  rows.pack(packed.data());
+  int64_t first = 0;
+  for (size_t number = 0; number < rows.counts().size(); ++number) {
+    const int64_t count = rows.counts()[number], top = int64_t(number) * TILE;
+    BlendArguments<T> blending = arguments.blending();
+    blending.height = std::min<int>(TILE, is.height - int(top));
+    if (blending.pixel_weights) blending.pixel_weights += top * is.width;
+    std::vector<T> contribution(count), own(count * (stride - (measured ? 1 : 0)));
+    Band<T> band(packed.data() + first * fields, count, int(top), blending,
+                 {image + top * is.width * scene.channels, alpha + top * is.width,
+                  measured ? contribution.data() : nullptr});
+    const T* by_alpha = or_null(scene.alpha_gradient);
+    band.backward({scene.image_gradient.data() + top * is.width * scene.channels,
+                   by_alpha ? by_alpha + top * is.width : nullptr, measured > 0},
+                  own.data());
+    for (int64_t row = 0; row < count; ++row) {
+      const int width = stride - (measured ? 1 : 0);
+      T* to = sums.data() + (first + row) * stride;
+      std::copy_n(own.data() + row * width, width, to);
+      if (measured) to[width] = contribution[row];
+    }
+    first += count;
+  }
+  const ProjectGradients<T> gradients = gradients_of(scene, results);
+  rows.backward(sums.data(), stride, gradients,
+                is.everything ? results.add("contribution", n) : nullptr);
   return results;
 }
 
@@ -249,13 +304,14 @@ bool same(const std::string& where, const Results<T>& a, const Results<T>& b) {
 
 /// Errors of float32, relative to the length of each array: a splat may miss a pixel at whose edge
 /// it hardly shows.
-void compare(const std::string& where, const Results<float>& found, const Results<double>& exact) {
+template <typename T, typename U>
+void compare(const std::string& where, const Results<T>& found, const Results<U>& exact) {
   for (size_t i = 0; i < found.arrays.size(); ++i) {
     double error = 0, length = 0;
     for (size_t k = 0; k < found.arrays[i].size(); ++k) {
-      const double difference = double(found.arrays[i][k]) - exact.arrays[i][k];
+      const double difference = double(found.arrays[i][k]) - double(exact.arrays[i][k]);
       error += difference * difference;
-      length += exact.arrays[i][k] * exact.arrays[i][k];
+      length += double(exact.arrays[i][k]) * double(exact.arrays[i][k]);
     }
     if (std::sqrt(error) <= 0.01 * std::sqrt(length) + 1e-6) continue;
     fail(where + ": " + found.names[i] + " is off by " + std::to_string(std::sqrt(error / length)));
@@ -269,6 +325,9 @@ Results<T> draw_repeatedly(const std::string& where, const Scene<T>& scene) {
   for (const int threads : {1, 2, 5}) {
     same(where + " on " + std::to_string(threads) + " threads", first, render(scene, threads));
   }
+  const Results<T> bands = render_in_bands(scene, 1);
+  same(where + " in bands", bands, render_in_bands(scene, 3));
+  if (!scene.is.everything && !scene.is.hostile) compare(where + " in bands", bands, first);
   return first;
 }
 
@@ -292,8 +351,8 @@ void check_refusal() {
   RenderArguments<float> arguments = arguments_of(scene, 2);
   arguments.most_pairs = 3;
   try {
-    RenderPass<float>(arguments, {room.arrays[0].data(), room.arrays[1].data(), room.visible.data(),
-                             room.arrays[2].data(), nullptr});
+    RenderPass<float>(arguments, {{room.arrays[0].data(), room.arrays[1].data(), nullptr},
+                                  room.visible.data(), room.arrays[2].data()});
     fail("too many pairs were not refused");
   } catch (const TooManyPairs& refused) {
     if (refused.count <= 3) fail("refused " + std::to_string(refused.count) + " pairs");

@@ -1,8 +1,8 @@
-"""Projection: splats of one process as flat ones in the pixels of an image, which are exchanged.
+"""Flat splats: splats as Gaussians in the pixels of an image, drawn by an orthographic camera.
 
-A flat splat is a Gaussian in the image, at its depth: an orthographic camera draws it as the first
-camera draws the splat (Zhao et al. 2024, Grendel-GS, section 3, exchange projected Gaussians too).
-The projection is that of the reference rasterizer (Kerbl et al. 2023, equations 5 and 6).
+A flat splat lies at its depth, and an orthographic camera draws it as the first camera draws the
+splat (Zhao et al. 2024, Grendel-GS, section 3, exchange projected Gaussians too). The projection is
+that of the reference rasterizer (Kerbl et al. 2023, equations 5 and 6), in plain torch.
 """
 
 from __future__ import annotations
@@ -57,9 +57,8 @@ def project(splats: Splats, camera: Cameras, settings: RenderSettings) -> FlatSp
     channels = (
         [_colors(seen, camera)] if seen.extra is None else [_colors(seen, camera), seen.extra]
     )
-    return FlatSplats(
-        rows, torch.cat([_shapes(seen, camera, settings), *channels], dim=1), top, bottom
-    )
+    values = torch.cat([_shapes(seen, camera, settings), *channels], dim=1)
+    return FlatSplats(rows, values, top, bottom)
 
 
 def _shapes(splats: Splats, camera: Cameras, settings: RenderSettings) -> Float[Tensor, "n 7"]:
