@@ -24,10 +24,10 @@ OPTIMIZED = 4
 """Copies of a parameter: itself, its gradient and two moments of Adam."""
 CHECKPOINTED = 3
 """Copies of a parameter in a checkpoint: itself and two moments."""
-SPLAT_BYTES = 10 * FLOAT
-"""A flat splat as it is sent: place, depth, covariance, opacity and colour."""
-RETURNED_BYTES = 12 * FLOAT
-"""Its gradient as it comes back, with its visibility and radius."""
+SPLAT_BYTES = 15 * FLOAT
+"""A projected splat as it is sent: 11 numbers of its ellipse, colour and depth."""
+RETURNED_BYTES = 9 * FLOAT
+"""The sums of a band that come back, from which its gradient follows."""
 SEEN_BYTES = 4 * FLOAT
 """Statistics of a Gaussian that a view has seen, for every process: its number and three values."""
 EVERY_ROW_BYTES = 32

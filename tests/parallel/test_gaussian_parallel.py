@@ -62,7 +62,7 @@ def test_two_processes_train_the_bits_of_one(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "absgrad", "mcmc"])
 def test_any_number_of_processes_trains_the_same_bits(tmp_path, strategy):
     one, ((summary, _, _),) = trained(tmp_path / "1", 1, strategy, views_per_step=2)
     for size in (2, 3):

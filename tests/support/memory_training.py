@@ -38,6 +38,9 @@ STRATEGIES = {
         refine_start=5, refine_stop=50, refine_every=10, grow_gradient=2e-4, reset_every=25,
         reset_opacity=0.1,
     ),
+    "absgrad": AdcConfig(
+        refine_start=5, refine_stop=50, refine_every=10, grow_gradient=4e-4, absgrad=True,
+    ),
     "error": ErrorGrowthConfig(
         refine_start=5, refine_stop=50, refine_every=10, views=7, max_gaussians=130,
     ),
