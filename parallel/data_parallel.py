@@ -73,7 +73,7 @@ class DataParallel(ParallelTeam):
                 self._with_gradient.add(index)
         parts = self._group.exchange(_in_parts(tensors, self.size))
         for part in parts[: self._in_round]:
-            self._sums = part.clone() if self._sums is None else self._sums.add_(part)
+            self._sums = part if self._sums is None else self._sums.add_(part)
         optimizer.zero_gradients()
 
     def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
@@ -167,14 +167,9 @@ class DataParallel(ParallelTeam):
 
 def _in_parts(tensors: Sequence[Tensor], size: int) -> Float[Tensor, "size k"]:
     """The gradients one after another, in equal parts; 0 for tensors without a gradient."""
-    total = sum(tensor.numel() for tensor in tensors)
-    flat = tensors[0].new_zeros(size, -(-total // size))
-    start, line = 0, flat.view(-1)
-    for tensor in tensors:
-        if tensor.grad is not None:
-            line[start : start + tensor.numel()] = tensor.grad.flatten()
-        start += tensor.numel()
-    return flat
+    flat = [torch.zeros_like(t).flatten() if t.grad is None else t.grad.flatten() for t in tensors]
+    padding = -sum(map(len, flat)) % size
+    return torch.cat([*flat, tensors[0].new_zeros(padding)]).view(size, -1)
 
 
 def _reads_images(refiner: Refiner) -> bool:

@@ -138,8 +138,8 @@ class FlatBandedSplats(BandedSplats):
             if found.contribution is not None:
                 found.contribution[0].index_add_(0, rows, measured[:, self._width + 2])
         if self._settings.profile.alpha_min <= 0:  # All reach the whole image, not their bands.
-            half = 0.5 * max(self._camera.width, self._camera.height)
-            found.radii.masked_fill_(found.visible, half)
+            whole = 0.5 * max(self._camera.width, self._camera.height)
+            found.radii.masked_fill_(found.visible, whole)
         if found.screen_gradient is not None:
             by_mean = sums.new_zeros(len(self._splats), 2)
             by_mean.index_add_(0, self._rows, sums[:, :2].contiguous())

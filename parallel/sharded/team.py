@@ -193,7 +193,7 @@ class GaussianParallel(ParallelTeam):
             self._shard_backward(place, list(terms.values()), share)
             if tensors:
                 of_shards.append(_flat(_taken(tensors)))
-        self._statistics.append(self._by_row(self._open[0].statistics()))
+        self._statistics.append(RenderStatistics.joined_rows(self._open[0].statistics()))
         self._open.clear()
         if tensors:
             self._add_up(before, of_images, torch.stack(of_shards))
@@ -232,25 +232,36 @@ class GaussianParallel(ParallelTeam):
                 tensor.grad = found.clone() if earlier is None else earlier + found
             start += size
 
-    def _by_row(self, of_shards: Sequence[RenderStatistics]) -> RenderStatistics:
-        """The statistics of all rows, from those of the shards of this process.
+    def _of_all_rows(self, own: Sequence[RenderStatistics]) -> list[RenderStatistics]:
+        """For each view of a step: the statistics of all rows, from those of this process.
 
-        Only rows that the view has seen are sent: bytes do not grow with the scene.
+        Only rows that a view has seen are sent: bytes do not grow with the scene.
         """
         if self.size == 1:
-            return RenderStatistics.joined_rows(of_shards)
-        own = RenderStatistics.joined_rows(of_shards)
-        names = [name for name in STATISTICS if getattr(own, name) is not None]
-        seen = own.visible[0].nonzero()[:, 0]
-        columns = [getattr(own, name)[0].index_select(0, seen).float() for name in names]
-        lines = torch.stack([seen.int().view(torch.float32), *columns], dim=1)
-        counts = self._group.all_gather(torch.tensor([len(seen)], device=seen.device))[:, 0]
-        found = self._group.all_gather_rows(lines, counts.tolist())
-        starts = [self.division.rows_of(rank, self.num_rows).start for rank in range(self.size)]
-        first = torch.tensor(starts, device=seen.device).repeat_interleave(counts)
-        rows = found[:, 0].contiguous().view(torch.int32) + first
-        of_all = own.radii.new_zeros(len(names), 1, self.num_rows)
-        of_all[:, 0, rows] = found[:, 1:].T
+            return list(own)
+        names = [name for name in STATISTICS if getattr(own[0], name) is not None]
+        lines = [self._seen(statistics, names) for statistics in own]
+        sent = torch.tensor([len(of_view) for of_view in lines], device=lines[0].device)
+        counts = self._group.all_gather(sent)
+        found = self._group.all_gather_rows(torch.cat(lines), counts.sum(1).tolist())
+        # Process after process, and view after view of each.
+        parts = found.split(counts.flatten().tolist())
+        return [self._unpacked(parts[view :: len(own)], names) for view in range(len(own))]
+
+    @staticmethod
+    def _seen(own: RenderStatistics, names: Sequence[str]) -> Float[Tensor, "m k"]:
+        """A line for each row that a view has seen: its number, and its statistics."""
+        rows = own.visible[0].nonzero()[:, 0]
+        columns = [getattr(own, name)[0].index_select(0, rows).float() for name in names]
+        return torch.stack([rows.int().view(torch.float32), *columns], dim=1)
+
+    def _unpacked(self, lines: Sequence[Tensor], names: Sequence[str]) -> RenderStatistics:
+        """The statistics of all rows, from the lines of each process."""
+        of_all = lines[0].new_zeros(len(names), 1, self.num_rows)
+        for rank, found in enumerate(lines):
+            first = self.division.rows_of(rank, self.num_rows).start
+            rows = found[:, 0].contiguous().view(torch.int32) + first
+            of_all[:, 0, rows] = found[:, 1:].T
         values = dict(zip(names, of_all, strict=True))
         return RenderStatistics(**{**values, "visible": values["visible"].bool()})
 
@@ -271,7 +282,8 @@ class GaussianParallel(ParallelTeam):
         absent: Callable[[int], StepContext],
     ) -> Iterator[Observation]:
         """All batches, with the statistics of all rows."""
-        for item, statistics in zip(rendered, self._statistics, strict=True):
+        of_all = self._of_all_rows(self._statistics)
+        for item, statistics in zip(rendered, of_all, strict=True):
             context = replace(item.context, splats=absent(item.context.batch.views[0]).splats)
             yield Observation(context, statistics, item.data_loss.detach())
         self._statistics.clear()

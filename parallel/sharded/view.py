@@ -150,20 +150,16 @@ class View:
 
     def _gathered(self, width: int) -> tuple[Tensor, Tensor]:
         """All channels and alpha of the whole image, in every process; they take gradients."""
-        most, step = len(self._bands_of(0)), len(self._pixels[0])
-        like, wanted = self.shards[0].banded.rows, torch.is_grad_enabled()
-        images = like.new_zeros(most, step, width, self._image.channels)
-        alphas = like.new_zeros(most, step, width, 1)
+        group, channels, wanted = self._group, self._image.channels, torch.is_grad_enabled()
+        like, step = self.shards[0].banded.rows, len(self._pixels[0])
+        own = like.new_zeros(len(self._bands_of(0)), step, width, channels + 1)
         for place, band in enumerate(self.bands):
-            images[place, : len(band.pixels)] = band.rendered.image
-            alphas[place, : len(band.pixels), :, 0] = band.rendered.alpha
-        image, alpha = (self._whole(values).requires_grad_(wanted) for values in (images, alphas))
-        return image, alpha
-
-    def _whole(self, own: Float[Tensor, "b s w d"]) -> Float[Tensor, "1 h w d"]:
-        """The bands of all processes, one below the other; a process has every N-th."""
-        found = self._group.all_gather(own).transpose(0, 1)
-        return found.flatten(0, 2)[None, : self._height].contiguous()
+            own[place, : len(band.pixels), :, :channels] = band.rendered.image
+            own[place, : len(band.pixels), :, channels] = band.rendered.alpha
+        # A process has every N-th band.
+        whole = group.all_gather(own).transpose(0, 1).flatten(0, 2)[None, : self._height]
+        image, alpha = (part.contiguous() for part in whole.split([channels, 1], dim=-1))
+        return image.requires_grad_(wanted), alpha.requires_grad_(wanted)
 
     # Backward.
 
