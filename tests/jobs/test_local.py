@@ -105,6 +105,21 @@ def test_a_guard_ends_its_command_with_its_starter(script, tmp_path):
     assert process.wait(10) == 130
 
 
+def test_a_guard_hands_on_ctrl_c_also_where_its_starter_blocks_it(tmp_path):
+    code = f"import pathlib, time; pathlib.Path({str(tmp_path / 'a')!r}).touch(); time.sleep(60)"
+    command = [sys.executable, "-S", guard.__file__, sys.executable, "-S", "-c", code]
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with process:
+        while not (tmp_path / "a").exists():
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == -signal.SIGINT
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGHUP])
 def test_a_guard_ends_as_its_command_has(number):
     kill = f"import os; os.kill(os.getpid(), {int(number)})"
