@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from types import TracebackType
 
 from gsfw.core.callback import Control
@@ -88,7 +87,7 @@ def end_all(started: Iterable[StartedJob]) -> None:
 
 def outcomes(
     executor: Executor, jobs: Iterable[Job], control: Control
-) -> Iterator[tuple[Job, Outcome]]:
+) -> Generator[tuple[Job, Outcome], None, None]:
     """Do all jobs, as many at a time as there are places; yields each when it has ended.
 
     A requested stop ends jobs with a checkpoint; their outcomes say so, and no further job starts.
@@ -96,21 +95,24 @@ def outcomes(
 
     Args:
         executor: does them.
-        jobs: in the order in which they start.
+        jobs: in the order in which they start; the next one is asked for when one has started,
+            so that not all of them have to be in memory.
         control: may request a stop.
 
     Raises:
         UnavailableError: no machine has the resources of a job.
     """
-    waiting, at_work = deque(jobs), list[StartedJob]()
+    waiting, at_work = iter(jobs), list[StartedJob]()
     try:
-        while waiting or at_work:
+        following = next(waiting, None)
+        while following is not None or at_work:
             if control.stop_reason is not None:
-                waiting.clear()
+                following = None
                 for item in at_work:
                     item.stop()
-            while waiting and len(at_work) < executor.places(waiting[0].resources):
-                at_work.append(executor.start(waiting.popleft()))
+            while following is not None and len(at_work) < executor.places(following.resources):
+                at_work.append(executor.start(following))
+                following = next(waiting, None)
             for item in list(at_work):
                 outcome = item.poll()
                 if outcome is not None:

@@ -53,14 +53,14 @@ class NodeJob:
         self._pieces: Iterator[bytes] = iter(())
         self._own: Path | None = None
 
-    def look(self, job: Job, mark: Path | None) -> Place:
+    def look(self, reads: tuple[Path, ...], mark: Path | None) -> Place:
         """Tell what this machine sees.
 
         Args:
-            job: that is to be done.
+            reads: paths that a job needs here.
             mark: a file that was just made beside the job's folder; ``None`` without a folder.
         """
-        missing = tuple(str(path) for path in job.reads if not path.exists())
+        missing = tuple(str(path) for path in reads if not path.exists())
         is_shared = mark is None or mark.exists()
         return Place(socket.gethostname(), version(), is_shared, missing)
 

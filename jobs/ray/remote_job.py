@@ -85,7 +85,7 @@ class RemoteJob(StartedJob):
             scheduling_strategy="SPREAD",
         )
         self._actor = actor.remote()
-        self._looking = self._actor.look.remote(self._there, self._mark)
+        self._looking = self._actor.look.remote(self._there.reads, self._mark)
         self._working = None
 
     def poll(self) -> Outcome | None:

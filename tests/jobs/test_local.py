@@ -67,6 +67,25 @@ def test_a_call_gives_its_value_or_its_error():
     assert "absent.jpg" in found["user"].error
 
 
+def test_a_call_that_is_stopped_cleans_up(tmp_path):
+    begun, cleaned = tmp_path / "begun", tmp_path / "cleaned"
+    code = (
+        "import pathlib, time\n"
+        f"pathlib.Path({str(begun)!r}).touch()\n"
+        "try: time.sleep(60)\n"
+        f"finally: pathlib.Path({str(cleaned)!r}).touch()"
+    )
+    with LocalExecutor() as executor:
+        started = executor.start(Job("a", Call(exec, (code,))))
+        while not begun.exists():
+            time.sleep(0.02)
+        started.stop()
+        while (outcome := started.poll()) is None:
+            time.sleep(0.02)
+    assert outcome.stopped
+    assert cleaned.exists()
+
+
 def test_a_job_without_its_result_has_not_finished(script, tmp_path):
     found = done(Job("a", ("nothing",), result=tmp_path / "absent"))
     assert not found["a"].finished
