@@ -1,24 +1,19 @@
-"""Features of all images: how many on what size, by several processes, into COLMAP's database.
+"""Features of all images: how many on what size, into COLMAP's database.
 
-What is finished stays finished: a line of ``features.jsonl`` beside the database for each image.
+Other processes and machines may find them, and this process alone writes. What is finished stays
+finished: a line of ``features.jsonl`` beside the database for each image.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import multiprocessing
-import signal
-import threading
-from collections import deque
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.errors import ConfigError, UnavailableError
+from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.core.progress import stage
@@ -26,9 +21,11 @@ from gsfw.core.words import rough_duration
 from gsfw.preparation.blur import ImageBlur
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.feature_search import find_all
 from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
 from gsfw.preparation.image_set import ImageSet
-from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features, start_worker
+from gsfw.preparation.machines import Machines
+from gsfw.preparation.sift import ImageFeatures, ImageTask
 
 SIZES = ((1600, 4000), (1000, 2000))
 """Longest side and most features: for as long as it takes at most ``LONG``, else the last."""
@@ -58,8 +55,6 @@ EXHAUSTIVE = 200
 """Images up to which all pairs are counted in the estimate."""
 NEIGHBORS = 30
 """Pairs for each image that are counted beyond."""
-WORKER_SECONDS = 2.0
-"""For a process to start: work that takes less than twice that is done in this one."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,7 +107,12 @@ class FeatureSettings:
 
     @staticmethod
     def for_machine(
-        images: ImageSet, cores: int, size: int | None, count: int | None, thorough: bool = False
+        images: ImageSet,
+        cores: int,
+        size: int | None,
+        count: int | None,
+        thorough: bool = False,
+        machines: Machines | None = None,
     ) -> tuple[FeatureSettings, str]:
         """Settings for a set and a machine, and the sentence that states them.
 
@@ -122,9 +122,11 @@ class FeatureSettings:
             size: longest side, if the user chose it.
             count: most features, if the user chose it.
             thorough: whether the finest features of all images are wanted.
+            machines: those that will do it; the time is theirs, and all else as without.
 
         Raises:
             ConfigError: as of ``check_wanted``.
+            UnavailableError: no machine has the resources of a job.
         """
         check_wanted(size, count)
         jobs = max(1, min(cores, len(images.images)))
@@ -135,13 +137,22 @@ class FeatureSettings:
         chosen = next(
             (one for one in choices if sum(one.seconds(images, cores)) <= LONG), choices[-1]
         )
-        finding, matching = chosen.seconds(images, cores)
-        closely = ", the finest too," if thorough else ","
-        return chosen, (
-            f"features: at most {chosen.count} in {_each(len(images.images))}, on up to "
-            f"{chosen.max_size} pixels{closely} with {cores} core{'s' if cores > 1 else ''}: about "
+        return chosen, chosen._how(images, cores if machines is None else machines.cores, machines)
+
+    def _how(self, images: ImageSet, cores: int, machines: Machines | None) -> str:
+        """The sentence about settings and about the time that these cores take."""
+        number = len(images.images)
+        jobs = max(1, min(cores, number))
+        finding, matching = dataclasses.replace(self, jobs=jobs).seconds(images, cores)
+        closely = ", the finest too," if self.thorough else ","
+        with_what = f"{cores} core{'s' if cores > 1 else ''}"
+        if machines is not None:
+            with_what += " of the cluster"
+        return (
+            f"features: at most {self.count} in {_each(number)}, on up to "
+            f"{self.max_size} pixels{closely} with {with_what}: about "
             f"{rough_duration(finding)}, then about {rough_duration(matching)} for matching and "
-            f"{rough_duration(MAPPING_SECONDS * len(images.images))} for the cameras."
+            f"{rough_duration(MAPPING_SECONDS * number)} for the cameras."
         )
 
     def seconds(self, images: ImageSet, cores: int) -> tuple[float, float]:
@@ -198,6 +209,7 @@ def extract_features(
     images: ImageSet,
     groups: Sequence[CameraGroup],
     settings: FeatureSettings,
+    machines: Machines | None = None,
 ) -> dict[str, FeatureReport]:
     """Find the features of all images that the database does not have yet.
 
@@ -206,6 +218,7 @@ def extract_features(
         images: all of them.
         groups: each image is in one.
         settings: those of the earlier calls on the same database.
+        machines: those that look for features, instead of processes of this one.
 
     Returns:
         By name, in the order of the set. The database has all but those with a ``failure``.
@@ -213,7 +226,7 @@ def extract_features(
     Raises:
         OutputError: the disk is full, or the folder cannot be written to.
         DataError: the file is no database of COLMAP.
-        UnavailableError: a process was ended from outside.
+        UnavailableError: a process was ended from outside, or a job has failed.
     """
     log = database.with_name("features.jsonl")
     total = len(images.images)
@@ -230,8 +243,9 @@ def extract_features(
         write_atomically(log, "".join(map(_line, reports.items())).encode())
         advance(len(reports))
         tasks = [task for task in _tasks(images, settings) if task.name not in reports]
+        each = dataclasses.replace(settings, jobs=1).seconds(images, 1)[0] / max(1, total)
         # Closed at once, and not when the last reference to it goes: it holds processes.
-        with closing(_find_all(tasks, settings, images)) as results:
+        with closing(find_all(tasks, settings.jobs, each, machines)) as results:
             for found in results:
                 if not found.failure and not store.has(found.name):
                     store.write(found)
@@ -248,7 +262,7 @@ def _tasks(images: ImageSet, settings: FeatureSettings) -> list[ImageTask]:
     return [
         ImageTask(
             one.name,
-            one.path,
+            one.path.absolute(),  # Jobs on other machines work in other folders.
             one.header,
             settings.max_size,
             settings.count,
@@ -257,63 +271,6 @@ def _tasks(images: ImageSet, settings: FeatureSettings) -> list[ImageTask]:
         )
         for one in images.images
     ]
-
-
-def _find_all(
-    tasks: Sequence[ImageTask], settings: FeatureSettings, images: ImageSet
-) -> Generator[ImageFeatures, None, None]:
-    alone = dataclasses.replace(settings, jobs=1).seconds(images, 1)[0]
-    here = alone * len(tasks) / max(1, len(images.images))
-    if settings.jobs == 1 or here < 2 * WORKER_SECONDS:
-        yield from map(find_features, tasks)
-        return
-    with _workers(min(settings.jobs, len(tasks))) as executor:
-        with _deaf_to_interrupts():
-            waiting = deque(executor.submit(find_features, task) for task in tasks)
-        while waiting:
-            yield waiting.popleft().result()
-
-
-@contextmanager
-def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that are ended at once where work is broken off.
-
-    Processes, as COLMAP does not let go of the interpreter while it finds features of an array;
-    spawned ones, as a forked one may hold a lock that none of its threads will ever release.
-    """
-    others = set(multiprocessing.active_children())
-    executor = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
-    try:
-        yield executor
-    except BaseException as error:
-        # Nothing is cancelled: Python 3.11 fails on cancelled work of ended processes.
-        executor.shutdown(wait=False)
-        for worker in set(multiprocessing.active_children()) - others:
-            # COLMAP prints a stack trace when it is asked to terminate.
-            worker.kill()
-        if isinstance(error, BrokenProcessPool):
-            raise UnavailableError(
-                f"one of {jobs} processes that look for features was ended from outside, most "
-                "likely because memory ran out.",
-                "Run the same command again with fewer processes (jobs=1): it goes on with the "
-                "images that are not done. If that does not help, look on smaller images "
-                "(feature_size=1000).",
-            ) from error
-        raise
-    executor.shutdown()
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that are started here ignore Ctrl-C from their first instruction."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _report(found: ImageFeatures) -> FeatureReport:

@@ -1,19 +1,23 @@
 """Matches between images: features that look alike, then those that one geometry explains.
 
 Verification draws random samples from a fixed seed for each pair, so that results do not depend on
-the number of threads, nor on which pairs were matched before.
+the number of threads, nor on which pairs were matched before, nor on the machine that a pair was
+matched on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from gsfw.core.progress import stage
 from gsfw.preparation.cancellation import cancellable
+from gsfw.preparation.database_part import add_matches, matches_of, part_of
 from gsfw.preparation.disk import check_room
+from gsfw.preparation.machines import Machines
 from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
 from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.pairs import PairPlan
@@ -21,15 +25,26 @@ from gsfw.preparation.pairs import PairPlan
 if TYPE_CHECKING:
     from pycolmap import CancellationToken, Database, TwoViewGeometryOptions
 
+    from gsfw.jobs.job import Job
+
 TILE = 10
 """Pairs are matched in tiles of so many by so many images, for each of which COLMAP reads
 features once."""
 BLOCK = 100
 """Pairs between two looks at the progress, which is also what an interruption may lose."""
+JOB_PAIRS = 400
+"""Pairs of a job for each of its threads: up to 40 seconds, and up to 50 images (30 MB) if all
+pairs are matched."""
 SEED = 0
 
 
-def match_pairs(database: Path, plan: PairPlan, jobs: int, guided: bool = False) -> None:
+def match_pairs(
+    database: Path,
+    plan: PairPlan,
+    jobs: int,
+    guided: bool = False,
+    machines: Machines | None = None,
+) -> None:
     """Match and verify the planned pairs that the database does not have yet.
 
     Args:
@@ -38,10 +53,12 @@ def match_pairs(database: Path, plan: PairPlan, jobs: int, guided: bool = False)
         jobs: threads.
         guided: search again along epipolar lines where a geometry was found, which takes up to
             twice as long.
+        machines: those that match, instead of threads of this one.
 
     Raises:
         DataError: COLMAP cannot work with the database.
         OutputError: the disk is nearly full.
+        UnavailableError: a job on a machine has failed.
     """
     import pycolmap
 
@@ -55,15 +72,19 @@ def match_pairs(database: Path, plan: PairPlan, jobs: int, guided: bool = False)
         done = len(pairs) - len(missing)
         with stage("matches", len(pairs)) as advance, listable_names(database):
             advance(done)
-            for first in range(0, len(missing), BLOCK):
-                block = missing[first : first + BLOCK]
-                check_room(database)
-                _match(database, block, jobs, guided)
-                done += len(block)
-                advance(done)
+            if machines is None:
+                matched = _match_here(database, missing, jobs, guided)
+            else:
+                matched = _match_there(database, missing, numbers, machines, guided)
+            with closing(matched):
+                for number in matched:
+                    done += number
+                    advance(done)
 
 
-def match_more(database: Path, pairs: Iterable[Pair], jobs: int) -> None:
+def match_more(
+    database: Path, pairs: Iterable[Pair], jobs: int, machines: Machines | None = None
+) -> None:
     """Match some pairs anew and more thoroughly, with ``guided``: those that would join models.
 
     Raises:
@@ -81,7 +102,7 @@ def match_more(database: Path, pairs: Iterable[Pair], jobs: int) -> None:
         for first, second in _tiled(plan.pairs, numbers):
             opened.delete_matches(numbers[first], numbers[second])
             opened.delete_two_view_geometry(numbers[first], numbers[second])
-    match_pairs(database, plan, jobs, guided=True)
+    match_pairs(database, plan, jobs, guided=True, machines=machines)
 
 
 def forget_matches(database: Path) -> None:
@@ -110,6 +131,50 @@ def verification() -> TwoViewGeometryOptions:
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = SEED
     return options
+
+
+def _match_here(
+    database: Path, pairs: Sequence[Pair], jobs: int, guided: bool
+) -> Generator[int, None, None]:
+    """Match on this machine; yields the number of pairs of each block that is done."""
+    for first in range(0, len(pairs), BLOCK):
+        block = pairs[first : first + BLOCK]
+        check_room(database)
+        _match(database, block, jobs, guided)
+        yield len(block)
+
+
+def _match_there(
+    database: Path,
+    pairs: Sequence[Pair],
+    numbers: Mapping[str, int],
+    machines: Machines,
+    guided: bool,
+) -> Generator[int, None, None]:
+    """Match on other machines; yields the number of pairs of each job that has ended."""
+
+    def job(part: Sequence[Pair]) -> Job:
+        features = part_of(database, {numbers[name] for pair in part for name in pair})
+        name = f"matches of {len(part)} pair{'s' if part[1:] else ''}"
+        return machines.job(name, _match_part, features, part, machines.threads, guided)
+
+    with closing(machines.values(map(job, machines.parts(pairs, JOB_PAIRS)))) as parts:
+        for number, found in parts:
+            add_matches(database, found)
+            yield number
+
+
+def _match_part(
+    features: bytes, pairs: Sequence[Pair], jobs: int, guided: bool
+) -> tuple[int, bytes]:
+    """Match the pairs of a job on its machine; their number, and a database of the matches."""
+    with TemporaryDirectory(prefix="gsfw-matches-") as folder:
+        database = Path(folder) / "part.db"
+        check_room(database)
+        database.write_bytes(features)
+        with readable_native_errors("match features", database):
+            _match(database, pairs, jobs, guided)
+        return len(pairs), matches_of(database)
 
 
 def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.camera_grouping import CameraRule
 from gsfw.preparation.features import check_wanted
+from gsfw.preparation.machines import Machines
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
 from gsfw.preparation.writing.image_output import OutputRule
@@ -32,6 +33,8 @@ class PreparationRule:
     jobs: int = 1
     """Number of cores. With one the same images give the same bits; with more, poses
     differ in their last digits."""
+    machines: Machines | None = None
+    """Those of a cluster that find and match features; ``None`` if this one does."""
 
     def check(self) -> None:
         """Check the values.

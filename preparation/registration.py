@@ -178,7 +178,12 @@ class Registration:
     def _settings(self, images: ImageSet) -> FeatureSettings:
         rule = self._rule
         settings, why = FeatureSettings.for_machine(
-            images, rule.jobs, rule.feature_size, rule.feature_count, self._thorough
+            images,
+            rule.jobs,
+            rule.feature_size,
+            rule.feature_count,
+            self._thorough,
+            rule.machines,
         )
         self._choices.choose("features", why)
         return settings
@@ -189,7 +194,7 @@ class Registration:
         database = self._place.database
 
         def find() -> Document:
-            reports = extract_features(database, images, groups, settings)
+            reports = extract_features(database, images, groups, settings, self._rule.machines)
             return {name: asdict(report) for name, report in reports.items()}
 
         found = self._journal.stage(
@@ -220,7 +225,7 @@ class Registration:
         def match() -> Document:
             plan = plan_pairs(images, rule.matching, database)
             self._choices.say(plan.how)
-            match_pairs(database, plan, rule.jobs)
+            match_pairs(database, plan, rule.jobs, machines=rule.machines)
             return {"how": plan.how, "pairs": len(plan.pairs)}
 
         found = self._journal.stage(
@@ -297,7 +302,7 @@ class Registration:
                 for pair in bridge_pairs(place.database, mapping.models)
                 if not blurred.intersection(pair)
             ]
-            match_more(place.database, pairs, rule.jobs)
+            match_more(place.database, pairs, self._rule.jobs, self._rule.machines)
             joined = continue_mapping(place.database, folder, mapping, rule, blurred)
             return joined.document()
 

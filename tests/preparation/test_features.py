@@ -14,7 +14,7 @@ from support import captured
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 from gsfw.core.progress import shown_by
 from gsfw.datamanagers.images import Header, read_header
-from gsfw.preparation import features
+from gsfw.preparation import feature_search, features
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
@@ -264,7 +264,7 @@ def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn
         looked_at.append(one.name)
         return find_features(one)
 
-    monkeypatch.setattr(features, "find_features", watched)
+    monkeypatch.setattr(feature_search, "find_features", watched)
     assert extract_features(part, images, groups, SETTINGS) == expected
     assert looked_at == (["b.png", "c.png"] if torn else ["c.png"])
     assert_same(whole, part)
@@ -275,7 +275,7 @@ def test_two_processes_find_the_same_bits_as_one(tmp_path, monkeypatch):
     images = three(tmp_path / "photos")
     groups = captured.one_group(images)
     alone, together = tmp_path / "alone" / "d.db", tmp_path / "together" / "d.db"
-    monkeypatch.setattr(features, "WORKER_SECONDS", 0.0)
+    monkeypatch.setattr(feature_search, "WORKER_SECONDS", 0.0)
     first = extract_features(alone, images, groups, SETTINGS)
     two = dataclasses.replace(SETTINGS, jobs=2)
     assert extract_features(together, images, groups, two) == first
@@ -285,8 +285,8 @@ def test_two_processes_find_the_same_bits_as_one(tmp_path, monkeypatch):
 def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
     images = three(tmp_path / "photos")
 
-    monkeypatch.setattr(features, "WORKER_SECONDS", 0.0)
-    monkeypatch.setattr(features, "start_worker", sys.exit)
+    monkeypatch.setattr(feature_search, "WORKER_SECONDS", 0.0)
+    monkeypatch.setattr(feature_search, "start_worker", sys.exit)
     two = dataclasses.replace(SETTINGS, jobs=2)
     with pytest.raises(UnavailableError) as caught:
         extract_features(tmp_path / "d.db", images, captured.one_group(images), two)

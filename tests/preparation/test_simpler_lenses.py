@@ -9,7 +9,7 @@ from support import captured
 from support.matched_captures import matched_capture
 
 from gsfw.commands.main import main
-from gsfw.preparation import camera_grouping, features
+from gsfw.preparation import camera_grouping, feature_search
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.mapping import mapping
 from gsfw.preparation.simpler_lenses import (
@@ -74,7 +74,7 @@ def test_an_impossible_lens_is_computed_again_more_simply(
     photos, out = tmp_path / "photos", tmp_path / "scene"
     captured.write(photos, captured.photos(captured.arc(9)), ".jpg")
     monkeypatch.setattr(camera_grouping, "FEW", few)
-    map_cameras, find_features = mapping.map_cameras, features.find_features
+    map_cameras, find_features = mapping.map_cameras, feature_search.find_features
     found: list[str] = []
     mapped: list[str] = []
 
@@ -91,7 +91,7 @@ def test_an_impossible_lens_is_computed_again_more_simply(
         return find_features(task)
 
     monkeypatch.setattr(mapping, "map_cameras", map_badly)
-    monkeypatch.setattr(features, "find_features", find)
+    monkeypatch.setattr(feature_search, "find_features", find)
     command = ["prepare", str(photos), f"out={out}", "jobs=1"]
     assert main(command) == 0
     said = capsys.readouterr().out
