@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, parse, positionals
+from gsfw.commands.interface.arguments import parse, positionals
+from gsfw.commands.interface.execution import (
+    CpuExecutionOptions,
+    cpu_resources_of,
+    executor_of,
+)
 from gsfw.commands.interface.following_training import FollowingTraining, read_both
 from gsfw.commands.interface.interrupt import interrupted_once
+from gsfw.commands.interface.prepared_data import data_settings, examine, write_dense
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
-    from gsfw.preparation.check.examination import Examination
+    from gsfw.preparation.machines import Machines
     from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.workspace import Workspace
 
 PREPARED = Path("prepared")
 """Default folder of results."""
-DENSE_FILE = "dense.ply"
-"""Surface points, in the folder of the data set."""
 ROWS_SHOWN = 20
 """Largest number of unused files that are listed."""
 STOPPING = "stopping, which may take some seconds; the same command will go on from here"
@@ -33,7 +37,7 @@ REFUSED = 1
 
 
 @dataclass(kw_only=True)
-class PrepareOptions(Options):
+class PrepareOptions(CpuExecutionOptions):
     """Make a data set of photos, of videos, or of another tool's data set; say if it will train.
 
     Cameras are computed with COLMAP, which is part of the installation. The same command goes on
@@ -47,6 +51,7 @@ class PrepareOptions(Options):
         "gsfw prepare walk.mp4 out=scene frames=200",
         "gsfw prepare left/ right/ out=scene camera_model=OPENCV_FISHEYE",
         "gsfw prepare metashape.xml out=scene lens=keep dense=true",
+        "gsfw prepare photos out=scene executor=ray",
     )
 
     inputs: tuple[str, ...] = positionals("INPUT...")
@@ -92,7 +97,8 @@ class PrepareOptions(Options):
     dense: bool = False
     """Also write dense.ply: points of all surfaces, found as init=dense does, for other tools."""
     jobs: int = 0
-    """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
+    """Cores to use, and with executor=ray jobs at a time; 0: all. With 1 the same images give the
+    same bits, with more nearly so."""
     again: bool = False
     """Start again, and ignore finished stages of an earlier run of the command."""
     train: bool = False
@@ -105,6 +111,7 @@ def run(tokens: list[str]) -> int:
     inputs = _inputs(options)
     _check_colmap()
     place, rule = _place(options, inputs), _rule(options)
+    cpu_resources_of(options)
 
     from gsfw.commands.interface.console import Console
 
@@ -114,7 +121,7 @@ def run(tokens: list[str]) -> int:
     with interrupted_once(STOPPING), place.claimed(inputs):
         document = _document(console, options, inputs, place, rule)
         if options.dense and document["verdict"] != "will not train":
-            _write_dense(console, place.path)
+            write_dense(console, place.path)
     _show(console, document, following is not None)
     if following is not None and document["next"]:
         return _train(console, place.path, document, following)
@@ -143,7 +150,12 @@ def _document(
         place.remove(place.journal)
     source = _data_set(options, inputs)
     if source is None:
-        return _prepare(console, inputs, place, rule)
+        return _prepare(console, options, inputs, place, rule)
+    if options.executor == "ray":
+        raise ConfigError(
+            f"executor=ray: {source.config.data} has cameras already, which are kept.",
+            "Leave it out, or compute new cameras with poses=compute.",
+        )
     return _convert(console, source, place, options, rule)
 
 
@@ -260,25 +272,19 @@ def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | N
         if options.poses == "keep":
             raise
         return None
-    settings = _settings(inputs[0])
+    settings = data_settings(inputs[0])
     if settings.choices["datamanager"].name == "transforms":
         # Training needs depths only for a plugin; a converted data set keeps them.
-        return _settings(inputs[0], ("datamanager.depth", "true"))
+        return data_settings(inputs[0], ("datamanager.depth", "true"))
     return settings
 
 
-def _settings(data: Path, *more: tuple[str, str]) -> Settings:
-    """The settings of ``gsfw train data=...``, and further ones."""
-    from gsfw.commands.interface.arguments import Arguments, layers
-    from gsfw.plugins.registry import installed
-    from gsfw.plugins.settings import resolve
-
-    given = (("data", str(data)), ("method", "3dgs"), *more)
-    return resolve(installed(), layers(Arguments((), given)))
-
-
 def _prepare(
-    console: Console, inputs: tuple[Path, ...], place: Workspace, rule: PreparationRule
+    console: Console,
+    options: PrepareOptions,
+    inputs: tuple[Path, ...],
+    place: Workspace,
+    rule: PreparationRule,
 ) -> dict[str, Any]:
     """Compute cameras; return the document."""
     from gsfw.commands.interface.progress import StageBars
@@ -288,10 +294,27 @@ def _prepare(
     from gsfw.preparation.report import document_of_preparation
 
     log_into(place.log)
-    with shown_by(StageBars(console).stage):
+    with _machines(options) as machines, shown_by(StageBars(console).stage):
+        rule = replace(rule, machines=machines)
         prepared = Preparation(inputs, place, rule, console.say).run()
-    examined = _examine(place.path) if prepared.written else None
+    examined = examine(place.path) if prepared.written else None
     return document_of_preparation(inputs, place, prepared, examined)
+
+
+@contextmanager
+def _machines(options: PrepareOptions) -> Iterator[Machines | None]:
+    """The machines of executor=ray, whose jobs end with the context.
+
+    Raises:
+        UnavailableError: Ray is not installed, or there is no cluster.
+    """
+    from gsfw.preparation.machines import Machines
+
+    if options.executor == "local":
+        yield None
+        return
+    with executor_of(options, options.jobs) as executor:
+        yield Machines(executor, cpu_resources_of(options))
 
 
 def _convert(
@@ -325,41 +348,7 @@ def _convert(
         rules = ConversionRule(options.layout, rule.output)
         with shown_by(StageBars(console).stage):
             converted = convert(data.recording, place.path, rules, rule.jobs)
-    return document_of_conversion(source.config.data, name, place, converted, _examine(place.path))
-
-
-def _write_dense(console: Console, data: Path) -> None:
-    """Write the surface points of the data set beside it, in its own world."""
-    import torch
-
-    from gsfw.commands.interface.progress import StageBars
-    from gsfw.core.files.atomic import write_atomically
-    from gsfw.core.progress import shown_by
-    from gsfw.datamanagers.point_file import ply_of
-    from gsfw.plugins.dense_points import dense_surface
-    from gsfw.plugins.loading import choose_operators
-    from gsfw.plugins.opening import open_data
-    from gsfw.plugins.registry import installed
-
-    operators = choose_operators(installed(), torch.device("cpu"))
-    with shown_by(StageBars(console).stage), closing(open_data(_settings(data))) as opened:
-        found = dense_surface(opened, None, operators)
-        world = opened.scene.world_from_scene
-    if isinstance(found, str):
-        console.say(f"note: no {DENSE_FILE}: {found}.")
-        return
-    write_atomically(data / DENSE_FILE, ply_of(world.apply(found.points), found.colors))
-    console.say(f"{len(found):,} surface points: {data / DENSE_FILE}")
-
-
-def _examine(data: Path) -> Examination:
-    """Check the written data set."""
-    from gsfw.plugins.opening import open_data
-    from gsfw.preparation.check.examination import Examination
-
-    settings = _settings(data)
-    with closing(open_data(settings)) as opened:
-        return Examination.of(opened, settings.config)
+    return document_of_conversion(source.config.data, name, place, converted, examine(place.path))
 
 
 def _show(console: Console, document: Mapping[str, Any], trained: bool) -> None:

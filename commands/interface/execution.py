@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -37,14 +38,38 @@ class JobOptions:
 
 
 @dataclass(kw_only=True)
-class ExecutionOptions(Options):
-    """Options of a verb that does many jobs."""
+class CpuJobOptions:
+    """Resources of one job of executor=ray, which uses no GPU."""
+
+    cpus: float | None = None
+    """With executor=ray: cores, and threads; none: one."""
+    memory_mb: float = 0.0
+    """With executor=ray: megabytes of main memory that have to be free for it; 0: any."""
+
+
+@dataclass(kw_only=True)
+class ExecutorOptions(Options):
+    """Options of a verb whose work can be divided among machines."""
 
     executor: Literal["local", "ray"] = "local"
     """Machines that do the work: local is this one, ray the machines of a Ray cluster."""
     ray: RayOptions = field(default_factory=RayOptions)
     """The cluster of executor=ray."""
+
+
+@dataclass(kw_only=True)
+class ExecutionOptions(ExecutorOptions):
+    """Options of a verb that does many jobs."""
+
     job: JobOptions = field(default_factory=JobOptions)
+    """Resources of one job."""
+
+
+@dataclass(kw_only=True)
+class CpuExecutionOptions(ExecutorOptions):
+    """Options of a verb that is jobs with executor=ray alone, and on CPUs."""
+
+    job: CpuJobOptions = field(default_factory=CpuJobOptions)
     """Resources of one job."""
 
 
@@ -54,32 +79,55 @@ def resources_of(options: ExecutionOptions) -> Resources:
     Raises:
         ConfigError: a value is impossible, or means nothing with the executor.
     """
-    from gsfw.core.errors import ConfigError
     from gsfw.jobs.job import Resources
 
     job = options.job
-    for name, value, least in (
-        ("cpus", job.cpus, 0.01),
-        ("gpus", job.gpus, 0.0),
-        ("memory_mb", job.memory_mb, 0.0),
-    ):
-        if value is not None and not value >= least:
-            raise ConfigError(f"job.{name}={value:g}: expected {least:g} or more.")
-    if options.executor == "local":
-        for name, given in (
-            ("job.gpus", job.gpus is not None),
-            ("job.memory_mb", job.memory_mb > 0),
-            (f"ray.address={options.ray.address}", options.ray.address != "auto"),
-        ):
-            if given:
-                raise ConfigError(
-                    f"{name} means nothing with executor=local, whose jobs share this machine.",
-                    "Add executor=ray, or leave it out.",
-                )
+    _check_least(job.cpus, job.gpus, job.memory_mb)
+    _refuse_here(options, {"job.gpus": job.gpus is not None, "job.memory_mb": job.memory_mb > 0})
     return Resources(job.cpus, job.gpus, round(job.memory_mb * MEGABYTE))
 
 
-def executor_of(options: ExecutionOptions, jobs: int, lock: int | None = None) -> Executor:
+def cpu_resources_of(options: CpuExecutionOptions) -> Resources:
+    """The resources of each job of executor=ray, with a number of cores and no GPU.
+
+    Raises:
+        ConfigError: as of ``resources_of``.
+    """
+    from gsfw.jobs.job import Resources
+
+    job = options.job
+    _check_least(job.cpus, None, job.memory_mb)
+    given = {"job.cpus": job.cpus is not None, "job.memory_mb": job.memory_mb > 0}
+    _refuse_here(options, given)
+    return Resources(job.cpus or 1.0, 0.0, round(job.memory_mb * MEGABYTE))
+
+
+def _check_least(cpus: float | None, gpus: float | None, memory_mb: float) -> None:
+    from gsfw.core.errors import ConfigError
+
+    for name, value, least in (
+        ("cpus", cpus, 0.01),
+        ("gpus", gpus, 0.0),
+        ("memory_mb", memory_mb, 0.0),
+    ):
+        if value is not None and not value >= least:
+            raise ConfigError(f"job.{name}={value:g}: expected {least:g} or more.")
+
+
+def _refuse_here(options: ExecutorOptions, given: Mapping[str, bool]) -> None:
+    """Refuse keys that need Ray, where work stays on this machine."""
+    from gsfw.core.errors import ConfigError
+
+    address = options.ray.address
+    for name, is_given in {**given, f"ray.address={address}": address != "auto"}.items():
+        if options.executor == "local" and is_given:
+            raise ConfigError(
+                f"{name} means nothing with executor=local, whose jobs share this machine.",
+                "Add executor=ray, or leave it out.",
+            )
+
+
+def executor_of(options: ExecutorOptions, jobs: int, lock: int | None = None) -> Executor:
     """The executor that the options name.
 
     Args:

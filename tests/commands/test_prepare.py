@@ -8,11 +8,12 @@ import pycolmap
 import pytest
 from PIL import Image
 from support import captured
+from support.here_executor import HereExecutor
 from support.matched_captures import pose_errors
 from support.small_captures import opengl, ring, write_images, write_transforms
 from support.small_videos import write_video
 
-from gsfw.commands import train
+from gsfw.commands import prepare, train
 from gsfw.commands.interface.arguments import parse
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
@@ -97,6 +98,21 @@ def test_the_same_command_has_nothing_left_to_do(prepared, photos, capsys):
     assert "It takes 5 minutes (minutes=N: another time); both at once: gsfw prepare " in said.err
     assert "cameras: " not in said.err
     assert (prepared / "sparse/0/images.bin").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_jobs_of_many_machines_make_the_same_data_set(prepared, photos, tmp_path, monkeypatch):
+    executor = HereExecutor(places=3)
+    monkeypatch.setattr(prepare, "executor_of", lambda options, jobs: executor)
+    words = [str(photos), f"out={tmp_path / 'out'}", "jobs=1", "executor=ray"]
+    assert main(["prepare", *words]) == 0
+    assert [job.name for job in executor.jobs[:4]] == [
+        *3 * ["features of 3 images"],
+        "matches of 12 pairs",
+    ]
+    for name in ("cameras.bin", "images.bin", "points3D.bin"):
+        written = (place / "sparse" / "0" / name for place in (prepared, tmp_path / "out"))
+        assert len({path.read_bytes() for path in written}) == 1
 
 
 @pytest.mark.slow
@@ -300,6 +316,15 @@ def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
     data.close()
 
 
+def test_a_data_set_with_cameras_needs_no_cluster(tmp_path, capsys):
+    write_images(tmp_path / "a", ring())
+    write_transforms(tmp_path / "a" / "transforms.json", ring())
+    assert told(capsys, tmp_path / "a", f"out={tmp_path / 'out'}", "executor=ray") == (
+        f"error: executor=ray: {tmp_path / 'a'} has cameras already, which are kept.\n"
+        "Leave it out, or compute new cameras with poses=compute.\n"
+    )
+
+
 def test_a_data_set_with_depths_keeps_them(tmp_path):
     write_images(tmp_path / "a", ring())
     Image.fromarray(np.full((48, 64), 2000, np.uint16)).save(tmp_path / "a" / "depth.png")
@@ -331,6 +356,13 @@ def test_mistakes_are_told_in_a_sentence(tmp_path, capsys):
     assert "camera_model=" in told(capsys, photos, out, "camera_model=PINWHEEL")
     assert "poses=keep: 2 inputs are given." in told(capsys, photos, tmp_path, out, "poses=keep")
     assert "unknown key 'frame'" in told(capsys, photos, out, "frame=3")
+    for key in ("job.cpus=2", "job.memory_mb=500", "ray.address=local"):
+        refused = told(capsys, photos, out, key)
+        assert f"{key.removesuffix('=2').removesuffix('=500')} means nothing with" in refused
+        assert "Add executor=ray, or leave it out." in refused
+    least = told(capsys, photos, out, "executor=ray", "job.cpus=0")
+    assert "job.cpus=0: expected 0.01 or more." in least
+    assert "unknown key 'job.gpus'" in told(capsys, photos, out, "executor=ray", "job.gpus=1")
     assert "which the result is made from" in told(capsys, photos, f"out={photos}")
     shutil.rmtree(tmp_path / "out", ignore_errors=True)
     (tmp_path / "out").mkdir()
