@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
 
 import torch
 
+from gsfw.core.control_groups import ControlGroup, control_groups
 from gsfw.core.cores import cores
 
-CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Mount point of control groups in Linux, which limit the CPU time of containers."""
-MEMBERSHIP = Path("/proc/self/cgroup")
-"""The control groups of this process."""
 CHOSEN = "OMP_NUM_THREADS"
 """Environment variable by which a user chooses the number of threads; torch reads it too."""
 
@@ -42,51 +37,18 @@ def _cores() -> int:
 @lru_cache(maxsize=1)
 def _quota() -> int:
     """Cores that the control groups' CPU quota is worth; all of them where there is none."""
-    try:
-        membership = MEMBERSHIP.read_text()
-    except OSError:  # Not Linux.
-        return _cores()
-    return min(quotas(CONTROL_GROUPS, membership), default=_cores())
+    quotas = map(_quota_of, control_groups("cpu"))
+    return min((quota for quota in quotas if quota is not None), default=_cores())
 
 
-def quotas(mounted: Path, membership: str) -> Iterator[int]:
-    """The CPU quotas that hold for a process, each in cores, rounded up.
+def _quota_of(group: ControlGroup) -> int | None:
+    """The quota of a group in cores, rounded up; ``None`` where it has none.
 
-    Args:
-        mounted: where control groups are mounted.
-        membership: ``/proc/self/cgroup``: lines ``ID:CONTROLLERS:PATH``; version 2 names none.
+    ``cpu.max`` of version 2 holds "QUOTA PERIOD", or "max PERIOD" for no limit. In version 1 quota
+    and period have a file each; a quota of -1 is no limit.
     """
-    for line in membership.splitlines():
-        _, controllers, path = line.split(":", 2)
-        if controllers and "cpu" not in controllers.split(","):
-            continue
-        group = PurePosixPath(path.lstrip("/"))
-        # A container may see its own group as the root, and limits of parents hold as well.
-        for place in (group, *group.parents):
-            folder = mounted / (controllers and "cpu") / place
-            cores = _quota_of_1(folder) if controllers else _quota_of_2(folder)
-            if cores is not None:
-                yield cores
-
-
-def _quota_of_2(folder: Path) -> int | None:
-    """``cpu.max`` holds "QUOTA PERIOD", or "max PERIOD" for no limit."""
-    words = _words(folder / "cpu.max")
-    return _rounded_up(words[0], words[1]) if len(words) == 2 and words[0] != "max" else None
-
-
-def _quota_of_1(folder: Path) -> int | None:
-    """Quota and period have a file each; a quota of -1 is no limit."""
-    quota, period = _words(folder / "cpu.cfs_quota_us"), _words(folder / "cpu.cfs_period_us")
-    return _rounded_up(quota[0], period[0]) if quota and period and quota[0] != "-1" else None
-
-
-def _rounded_up(quota: str, period: str) -> int:
-    return max(1, math.ceil(int(quota) / int(period)))
-
-
-def _words(path: Path) -> list[str]:
-    try:
-        return path.read_text().split()
-    except OSError:
-        return []
+    files = ("cpu.max",) if group.version == 2 else ("cpu.cfs_quota_us", "cpu.cfs_period_us")
+    words = [word for file in files for word in group.words(file)]
+    if len(words) != 2 or words[0] in ("max", "-1"):
+        return None
+    return max(1, math.ceil(int(words[0]) / int(words[1])))

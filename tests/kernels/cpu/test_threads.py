@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from gsfw.core import control_groups
 from gsfw.kernels.cpu import threads
-from gsfw.kernels.cpu.threads import num_threads, quotas
+from gsfw.kernels.cpu.threads import num_threads
 
 
 @pytest.fixture(autouse=True)
@@ -27,8 +28,8 @@ def _fresh_limits() -> Iterator[None]:
 def eight_cores(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Eight cores and no limit but those that the test puts into the folder."""
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)), raising=False)
-    monkeypatch.setattr(threads, "CONTROL_GROUPS", tmp_path)
-    monkeypatch.setattr(threads, "MEMBERSHIP", tmp_path / "membership")
+    monkeypatch.setattr(control_groups, "MOUNTED", tmp_path)
+    monkeypatch.setattr(control_groups, "MEMBERSHIP", tmp_path / "membership")
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     (tmp_path / "membership").write_text("0::/work/mine\n")
     return tmp_path
@@ -82,10 +83,12 @@ def test_where_there_are_no_control_groups_there_is_no_quota(eight_cores):
     assert num_threads() == 6
 
 
-def test_quotas_of_version_1_have_a_file_for_each_number(tmp_path):
+def test_quotas_of_version_1_have_a_file_for_each_number(eight_cores):
     membership = "12:memory:/box\n4:cpu,cpuacct:/box\n1:name=systemd:/box\n0::/\n"
-    write(tmp_path / "cpu/box/cpu.cfs_quota_us", "150000\n")
-    write(tmp_path / "cpu/box/cpu.cfs_period_us", "100000\n")
-    write(tmp_path / "cpu/cpu.cfs_quota_us", "-1\n")
-    write(tmp_path / "cpu/cpu.cfs_period_us", "100000\n")
-    assert list(quotas(tmp_path, membership)) == [2]
+    (eight_cores / "membership").write_text(membership)
+    write(eight_cores / "cpu/box/cpu.cfs_quota_us", "150000\n")
+    write(eight_cores / "cpu/box/cpu.cfs_period_us", "100000\n")
+    write(eight_cores / "cpu/cpu.cfs_quota_us", "-1\n")
+    write(eight_cores / "cpu/cpu.cfs_period_us", "100000\n")
+    torch.set_num_threads(6)
+    assert num_threads() == 2
