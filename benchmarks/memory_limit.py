@@ -15,10 +15,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-GROUPS = Path("/sys/fs/cgroup")
-"""Mount point of control groups."""
-MEMBERSHIP = Path("/proc/self/cgroup")
-"""The control groups of this process."""
+from gsfw.core.control_groups import control_groups
+from gsfw.core.machine_memory import LIMITS
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,8 @@ def memory_limit(megabytes: int, kind: str = "auto") -> Iterator[MemoryLimit]:
 def _group(size: int) -> tuple[Path, str] | None:
     """A new control group with a limit, and the limit's name; ``None`` where it cannot be made."""
     name = f"gsfw-benchmark-{os.getpid()}"
-    for parent, file in _places():
-        group = parent / name
+    for parent in control_groups("memory"):
+        group, file = parent.folder / name, LIMITS[parent.version]
         try:
             group.mkdir()
         except OSError:
@@ -71,20 +69,6 @@ def _group(size: int) -> tuple[Path, str] | None:
                 pass
         group.rmdir()
     return None
-
-
-def _places() -> Iterator[tuple[Path, str]]:
-    """Groups below which one may be made, and the file of its limit."""
-    try:
-        lines = MEMBERSHIP.read_text().splitlines()
-    except OSError:  # Not Linux.
-        return
-    for line in lines:
-        _, controllers, path = line.split(":", 2)
-        if "memory" in controllers.split(","):
-            yield GROUPS / "memory" / path.lstrip("/"), "memory.limit_in_bytes"
-        elif not controllers:
-            yield GROUPS / path.lstrip("/"), "memory.max"
 
 
 def _write(path: Path, number: int) -> None:

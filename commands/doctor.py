@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.commands.interface.console import Console
+from gsfw.core.machine_memory import memory_limits
 from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import Registry, installed
 from gsfw.plugins.specs import PROJECT
@@ -66,6 +67,8 @@ def _versions() -> Iterator[Finding]:
     yield Finding("python", "ok", f"{platform.python_version()} at {sys.executable}")
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
     yield Finding("machine", "ok", machine)
+    memory = dict.fromkeys(map(str, memory_limits()))
+    yield Finding("memory", "ok", "; ".join(memory) or "the system does not tell")
     try:
         import torch
     except ImportError as error:

@@ -1,0 +1,133 @@
+"""Machine memory: the main memory that this process may have, by the machine and control groups.
+
+Past the limit of a control group Linux ends a process without a word. The limits of an address
+space and of data (``RLIMIT_AS``, ``RLIMIT_DATA``) are no part of this: they count what is only
+reserved, of which torch has gigabytes, and the system refuses what is beyond them with an error.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gsfw.core.control_groups import ControlGroup, control_groups
+from gsfw.core.words import size
+
+STATUS, MACHINE = Path("/proc/self/status"), Path("/proc/meminfo")
+"""Linux reports the memory of this process, and that of the machine, here (proc(5))."""
+LIMITS = {1: "memory.limit_in_bytes", 2: "memory.max"}
+USED = {1: "memory.usage_in_bytes", 2: "memory.current"}
+"""Files of a control group by its version: its limit, and what its processes have."""
+CACHED = {
+    1: ("total_active_file", "total_inactive_file"),
+    2: ("active_file", "inactive_file", "slab_reclaimable"),
+}
+"""Lines of its memory.stat with cached files, which make room when it is needed."""
+SWAP_LIMITS = {1: "memory.memsw.limit_in_bytes", 2: "memory.swap.max"}
+"""Files of the limit of swapped memory; that of version 1 counts main memory too."""
+
+MOSTLY = 0.9
+"""Part of a limit above which the rest is not worth a word."""
+
+
+@dataclass(frozen=True)
+class MachineMemory:
+    """The memory that one limit leaves to this process; in bytes."""
+
+    allowed: int
+    """By the limit, to all processes below it."""
+    free: int
+    """That no process has."""
+    own: int = 0
+    """That this process has already."""
+    swap: int = 0
+    """On disk, beyond that: a process that needs it goes on, many times slower."""
+    is_group: bool = False
+    """True for the limit of a control group, false for the memory of the machine."""
+
+    @property
+    def room(self) -> int:
+        """Memory that this process may have in all."""
+        return self.free + self.own
+
+    def shared_by(self, processes: int) -> MachineMemory:
+        """The memory of one of several processes that grow alike."""
+        return replace(self, free=self.free // processes, swap=self.swap // processes)
+
+    def __str__(self) -> str:
+        """The limit, and what others leave of it: "this machine has 8.0 GB, of which ..."."""
+        verb = "the control group of this process allows" if self.is_group else "this machine has"
+        left = "" if self.room > MOSTLY * self.allowed else f", of which {size(self.room)} are left"
+        return f"{verb} {size(self.allowed)}{left}"
+
+
+def machine_memory() -> MachineMemory | None:
+    """The tightest limit of this process; ``None`` where the system does not tell (Windows)."""
+    return min(memory_limits(), key=lambda memory: memory.room + memory.swap, default=None)
+
+
+def memory_limits() -> list[MachineMemory]:
+    """The memory of the machine, and then every limit of a control group below it."""
+    machine = _machine()
+    return [] if machine is None else [machine, *_groups(machine)]
+
+
+def _machine() -> MachineMemory | None:
+    """The memory of the machine."""
+    found = _sizes(MACHINE)
+    if "MemAvailable" in found:
+        total, free = found["MemTotal"], found["MemAvailable"]
+        return MachineMemory(total, free, _own(), found.get("SwapFree", 0))
+    try:  # macOS tells its size alone.
+        total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return None
+    return MachineMemory(total, total) if total > 0 else None
+
+
+def _groups(machine: MachineMemory) -> Iterator[MachineMemory]:
+    """The limits of the control groups of this process that are below the machine's memory."""
+    for group in control_groups("memory"):
+        limit = group.number(LIMITS[group.version])
+        if limit is None or limit >= machine.allowed:  # Version 1 has a huge one for none.
+            continue
+        # Memory that this process had before it joined the group counts for another one.
+        own = min(machine.own, _used(group))
+        free, swap = limit - _used(group), min(machine.swap, _swap(group, limit))
+        yield MachineMemory(limit, max(free, 0), own, swap, is_group=True)
+
+
+def _used(group: ControlGroup) -> int:
+    """Memory of the processes of a group, without cached files; 0 where it is unknown."""
+    lines = group.words("memory.stat")
+    stat = dict(zip(lines[::2], map(int, lines[1::2]), strict=False))
+    used = group.number(USED[group.version]) or 0
+    return max(used - sum(stat.get(name, 0) for name in CACHED[group.version]), 0)
+
+
+def _swap(group: ControlGroup, limit: int) -> int:
+    """Swapped memory that a group may have; as much as there is where it has no limit of it."""
+    most = group.number(SWAP_LIMITS[group.version])
+    if most is None:
+        return 1 << 62
+    return max(most - limit, 0) if group.version == 1 else most
+
+
+def _own() -> int:
+    """Memory of this process that nothing else can use, without cached files."""
+    return _sizes(STATUS).get("RssAnon", 0)
+
+
+def _sizes(path: Path) -> dict[str, int]:
+    """The lines of a file of the kernel that are sizes ("MemTotal:  24684216 kB"), in bytes."""
+    try:
+        lines = [line.split() for line in path.read_text().splitlines()]
+    except OSError:  # Not Linux.
+        return {}
+    return {
+        words[0].rstrip(":"): int(words[1]) * 1024
+        for words in lines
+        if len(words) == 3 and words[2] == "kB"
+    }
