@@ -13,9 +13,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gsfw.partition.costs import BASE_MB, POINT_BYTES, ROW_BYTES
+from gsfw.core.training_memory import (
+    BASE_BYTES,
+    POINT_BYTES,
+    USUAL_COLUMN_BYTES,
+    row_bytes,
+)
 from gsfw.planning.costs import GAUSSIANS_PER_PIXEL
 
+ROW_BYTES = row_bytes(USUAL_COLUMN_BYTES)
+"""Memory of a Gaussian of SH degree 3 in training."""
 ROW_NUMBERS = 59
 """Parameters of a Gaussian of SH degree 3: 3 + 3 + 4 + 1 + 48."""
 FLOAT = 4
@@ -120,9 +127,10 @@ def optimizer_bytes(rows: float) -> float:
 def memory_bytes(rows: float, points: float = 0.0) -> float:
     """Peak bytes of a process that trains so many rows and has read so many points.
 
-    It is the rule by which ``gsfw partition`` cuts; decoded images come on top, up to ``cache_mb``.
+    It is the rule by which ``gsfw partition`` cuts. Images come on top: decoded ones up to
+    ``cache_mb``, and 400 bytes for each pixel of the one that is trained on.
     """
-    return BASE_MB * 1e6 + rows * ROW_BYTES + points * POINT_BYTES
+    return BASE_BYTES + rows * ROW_BYTES + points * POINT_BYTES
 
 
 def gaussian_parallel_memory(

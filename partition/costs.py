@@ -6,16 +6,9 @@ import re
 from dataclasses import dataclass
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.training_memory import USUAL_COLUMN_BYTES, TrainingMemory, row_bytes
 from gsfw.planning.costs import GAUSSIANS_PER_PIXEL
 
-ROW_BYTES = 2100
-"""Memory of a Gaussian in training, at its peak: 59 numbers with gradient and two moments are 944
-bytes; the rest are the buffers of a step and of the files at the end. Measured on the CPU: peaks of
-460 MB with 50,000 Gaussians and 1092 MB with 350,000 (built-in scene at 160x120, 12 steps)."""
-BASE_MB = 350.0
-"""Memory of a training process without Gaussians and images. By the same measurement."""
-POINT_BYTES = 48
-"""Memory of a point of the data set, which every process reads: position and colour in float64."""
 UNITS = {"KB": 1e-3, "MB": 1.0, "GB": 1e3, "TB": 1e6}
 
 
@@ -53,8 +46,10 @@ class CostRule:
         surface = max(1.0, views / max(self.views_per_point, 1.0))
         gaussians = max(points, round(GAUSSIANS_PER_PIXEL * self.pixels * surface))
         images = min(views * self.pixels * 3 / 1e6, self.cache_mb)
-        rows = gaussians * ROW_BYTES + self.all_points * POINT_BYTES
-        return Costs(gaussians, BASE_MB + rows / 1e6 + images)
+        need = TrainingMemory(
+            gaussians, row_bytes(USUAL_COLUMN_BYTES), self.all_points, self.pixels, 1e6 * images
+        )
+        return Costs(gaussians, need.total / 1e6)
 
 
 def megabytes(text: str) -> float:
