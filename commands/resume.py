@@ -45,6 +45,7 @@ CHANGEABLE = (
     "log_every",
     "cache_mb",
     "gpu_cache_mb",
+    "check_memory",
     "graph",
     "validation",
     "max_skipped",

@@ -286,11 +286,13 @@ class MethodConfig(ABC):
     holdout: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = number(2048, at_least=0)
-    """Memory that decoded images may take, in megabytes."""
+    """Memory of decoded images, in megabytes; where it is short, a quarter of it unless given."""
     data_cache_mb: int = number(4096, at_least=0)
     """Disk that images of data=ADDRESS (https://...) may take as files, in megabytes."""
     gpu_cache_mb: int = number(2048, at_least=0)
     """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
+    check_memory: bool = True
+    """Refuse a run whose start needs more memory than there is; false: train all the same."""
     graph: str = AUTO
     """auto: record steps on a GPU as CUDA graphs, which saves time of the host; off: do not."""
     resolution_schedule: str = "none"

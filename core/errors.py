@@ -51,6 +51,10 @@ class UnavailableError(UserError):
     """A component cannot run on this machine."""
 
 
+class NotEnoughMemoryError(UnavailableError):
+    """A training needs more main memory than this machine, or its control group, has."""
+
+
 class TrainingError(UserError):
     """Training cannot continue, for instance because its steps are no longer finite."""
 

@@ -32,7 +32,7 @@ from gsfw.plugins.settings import COMMAND_LINE, PLANNED_BY, Layer, resolve
 SETTINGS, COARSE, STARTS, RUNS = "training.json", "coarse", "starts", "blocks"
 """Names in the folder of a partition."""
 SCHEMA = 1
-FREE = ("device", "data", "cache_mb", "gpu_cache_mb")
+FREE = ("device", "data", "cache_mb", "gpu_cache_mb", "check_memory")
 """Settings that may differ from those of blocks that are trained."""
 GROWTH = ("strategy", "init", "resolution_schedule", *PLANNED_BY, "steps", "preset", "downscale")
 """Settings of blocks that the coarse model has of its own."""

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.growth_limit import PER_PIXEL, most_gaussians
+from gsfw.core.loop.growth_limit import LIMITS, PER_PIXEL, most_gaussians
+from gsfw.core.training_memory import decoded_bytes, model_row_bytes
+from gsfw.core.words import size
 from gsfw.planning.trial import tensors_of
 from gsfw.plugins.compose import Composition
+from gsfw.plugins.memory_fit import MemoryFit, usual_cache_mb
 
 GAUSSIANS_PER_PIXEL = 0.45
 """Gaussians of a finished model per pixel of one view: 0.45 on fox at 359x640 and 0.41 on garden at
 648x420, with the default settings of method 3dgs."""
+MOST_PER_PIXEL = 2.0
+"""The same of models that grow freely, at most: they end with 0.4 to 2."""
 GROWTH = 1.05
 """Factor by which a model grows in one refinement, about; MCMC grows by just this."""
 PLY_BYTES = 4
@@ -28,11 +33,11 @@ CHECKPOINTS_KEPT = 2
 """Checkpoints that a run folder keeps."""
 
 
-def expected_gaussians(composition: Composition) -> int:
+def expected_gaussians(composition: Composition, per_pixel: float = GAUSSIANS_PER_PIXEL) -> int:
     """About how many Gaussians a run ends with.
 
     A strategy that refines lets them grow by ``GROWTH`` a refinement, up to its own limit and to
-    ``GAUSSIANS_PER_PIXEL``, or to its own number per pixel; others leave them as they are.
+    ``per_pixel``, or to its own number per pixel; others leave them as they are.
     """
     start, flat = len(composition.parts.table), composition.settings.flat()
     every = int(flat.get("strategy.refine_every", 0))
@@ -49,16 +54,38 @@ def expected_gaussians(composition: Composition) -> int:
     if PER_PIXEL in flat:
         grown = limits[0] if rounds else start
     elif not flat.get("strategy.cap_max"):
-        limits.append(max(start, int(GAUSSIANS_PER_PIXEL * pixels)))
+        limits.append(max(start, int(per_pixel * pixels)))
     return min([grown, *limits])
 
 
 def cache_mb(composition: Composition) -> float:
     """Megabytes of all decoded images, as far as the cache holds them."""
-    data, channels = composition.parts.data, 4 if composition.scene.has_alpha else 3
-    cameras = [camera for split in Split for camera in data.views(split).cameras]
-    decoded = sum(camera.width * camera.height for camera in cameras) * channels / 1e6
-    return min(decoded, float(composition.settings.config.cache_mb))
+    decoded = decoded_bytes(composition.parts.data) / 1e6
+    return min(decoded, float(usual_cache_mb(composition.settings)))
+
+
+def most_that_fit(composition: Composition) -> int:
+    """About how many Gaussians of a run fit into the main memory that is there."""
+    parts = composition.parts
+    fit = MemoryFit(composition.settings, parts.data, parts.device)
+    return fit.most_gaussians(model_row_bytes(parts.model))
+
+
+def memory_note(composition: Composition) -> tuple[str, ...]:
+    """Note on a run that may need more main memory than there is; nothing for other runs."""
+    parts, settings = composition.parts, composition.settings
+    start, each = len(parts.table), model_row_bytes(parts.model)
+    grown = max(start, expected_gaussians(composition, MOST_PER_PIXEL))  # A limit removes none.
+    fit, most = MemoryFit(settings, parts.data, parts.device), most_that_fit(composition)
+    if grown <= most:
+        return ()
+    limit = next((key for key in LIMITS if key in settings.flat()), "")
+    way = f" ({limit}={most} ends growth there)" if limit and most > start else ""
+    may = "that the model may grow to " if grown > start else ""
+    return (
+        f"memory may run short: the {grown:,} Gaussians {may}need about "
+        f"{size(fit.need(grown, each).total)}, and {fit.memory}; about {most:,} fit{way}.",
+    )
 
 
 def disk_mb(composition: Composition, state: float, gaussians: int, evaluations: int) -> float:

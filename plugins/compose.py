@@ -54,6 +54,7 @@ from gsfw.plugins.dense_points import FoundSurface
 from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.initial_splats import check_initial, read_initial
 from gsfw.plugins.loading import check_built, choose_operators, make_metrics
+from gsfw.plugins.memory_fit import MemoryFit
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry, registered_as
 from gsfw.plugins.settings import Settings
@@ -239,6 +240,7 @@ def compose(
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
         DataError: the data set cannot be used.
+        NotEnoughMemoryError: a training does not fit into the memory that there is.
     """
     if restoring and settings.config.init not in (AUTO, "points", "random"):
         settings = replace(settings, config=replace(settings.config, init=AUTO))
@@ -251,17 +253,19 @@ def compose(
     check_built("datamanager", settings.choices["datamanager"], data, DataManager)
     check_data(settings, registry, data, method)
     corrections = make_corrections(settings.config, data).to(device)
-    if corrections.poses is not None:
-        data = RefinedCapture(data, corrections.poses)
+    data = data if corrections.poses is None else RefinedCapture(data, corrections.poses)
     surface = find_surface(settings, registry, data, surface)
     start = start_of(settings, data.scene, surface)
+    fit = MemoryFit(settings, data, device, is_new=not restoring and initial is None)
     with stage("building the model"):
         if initial is None:
             initial = read_initial(settings.config.init, registry, start.scene)
+        fit.check_start(start.scene, initial)
         begun = (start.scene, initial)
         parts = _parts(settings, registry, method, data, begun, corrections, device)
+    fit.check_model(parts.model)
     _check_parts(settings, parts)
-    remarks = (*start.notes, *_missed(settings, registry, device))
+    remarks = (*start.notes, *fit.notes(), *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
     return Composition(settings, parts, plan, remarks, surface)

@@ -8,6 +8,7 @@ from gsfw.core.files.mirror import MEGABYTE, local_place
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.progress import stage
 from gsfw.plugins.data_fit import settings_device
+from gsfw.plugins.memory_fit import usual_cache_mb
 from gsfw.plugins.settings import Settings
 
 
@@ -30,7 +31,7 @@ def open_data(settings: Settings, downscale: float | None = None) -> DataManager
         eval_every_nth=config.holdout_every,
         eval_by=HoldOutBy(config.holdout_by),
         eval_names=config.holdout,
-        cache_megabytes=config.cache_mb,
+        cache_megabytes=usual_cache_mb(settings),
         gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
     )
     with stage(f"reading {config.data or 'the built-in scene'}"):

@@ -20,7 +20,7 @@ from gsfw.core.loop.memory import peak_memory_mb
 from gsfw.core.progress import stage
 from gsfw.core.scene import Scene
 from gsfw.core.words import duration
-from gsfw.planning.costs import END_MB, cache_mb, disk_mb, expected_gaussians
+from gsfw.planning.costs import END_MB, cache_mb, disk_mb, expected_gaussians, most_that_fit
 from gsfw.planning.trial import Trial, seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.registry import Registry
@@ -115,6 +115,7 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
 
 
 def _try_denser(composition: Composition, registry: Registry, count: int) -> Trial:
+    count = min(count, max(most_that_fit(composition), len(composition.parts.table)))
     data = _Denser(composition.parts.data, count)
     return try_steps(compose(composition.settings, registry, data=data))
 

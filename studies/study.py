@@ -23,6 +23,7 @@ NEUTRAL = (
     "checkpoint_every",
     "cache_mb",
     "gpu_cache_mb",
+    "check_memory",
 )
 """Settings that change no result: a finished run stays finished when they change."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gsfw.commands.interface.caller import Caller
@@ -17,6 +17,7 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.team import ALONE, Team
 from gsfw.planning.announcement import announcement
 from gsfw.planning.asked import asked_of
+from gsfw.planning.costs import memory_note
 from gsfw.planning.plan import Plan, make_plan
 from gsfw.planning.record import plan_document, recorded
 from gsfw.plugins.compose import Composition, check, compose
@@ -103,7 +104,8 @@ def new_training(
     if asked is not None:
         plan = make_plan(asked, layers, registry, MachineClock(began))
     composition = compose(settings, registry) if plan is None else plan.composition
-    composition = composition.shared_by(team)
+    remarks = (*composition.remarks, *memory_note(composition))
+    composition = replace(composition, remarks=remarks).shared_by(team)
     method = composition.settings.method.name
     path = Path(out) if out else default_folder(composition.scene.name, method)
     return NewTraining(composition, plan, path, tuple(command))

@@ -1,0 +1,182 @@
+"""Memory fit: whether a run fits into the memory of this machine and of its control groups."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+
+from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.errors import NotEnoughMemoryError
+from gsfw.core.loop.growth_limit import UNLIMITED
+from gsfw.core.machine_memory import MachineMemory, machine_memory
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+from gsfw.core.training_memory import (
+    BASE_BYTES,
+    LEAST_COLUMN_BYTES,
+    PIXEL_BYTES,
+    USUAL_COLUMN_BYTES,
+    TrainingMemory,
+    decoded_bytes,
+    model_row_bytes,
+    row_bytes,
+)
+from gsfw.core.words import size
+from gsfw.plugins.settings import Settings
+
+CERTAIN = 0.75
+"""Part of the estimate that a run takes at least: it was 0.75 to 1.05 of it where it was measured
+(``core.training_memory``). Only a run that needs more than there is even then is refused."""
+CACHE_SHARE = 0.25
+"""Part of the memory for decoded images at most, where the user gives no number."""
+LEAST_CACHE_MB = 100
+"""Megabytes of decoded images that are kept all the same: without any, every use decodes."""
+NOTABLE = 0.1
+"""Part of the need from which on a remedy is worth a word."""
+FEWEST = 5_000
+"""Gaussians to start with that are worth a proposal."""
+MEGABYTE = 1_000_000
+
+
+def usual_cache_mb(settings: Settings) -> int:
+    """Megabytes of decoded images: ``cache_mb``, or less where that is a default and too much."""
+    most, memory = settings.config.cache_mb, _own_memory()
+    if "cache_mb" in settings.given or memory is None:
+        return most
+    share = int((memory.room - BASE_BYTES) * CACHE_SHARE) // MEGABYTE
+    return min(most, max(share, LEAST_CACHE_MB))
+
+
+@dataclass(frozen=True)
+class MemoryFit:
+    """Compares the need of a run on opened data with the memory that is there."""
+
+    settings: Settings
+    data: DataManager
+    device: torch.device
+    is_new: bool = True
+    """False for a model that was trained already: nothing is refused or noted."""
+
+    @cached_property
+    def memory(self) -> MachineMemory | None:
+        """The memory of this process; ``None`` where it is unknown."""
+        return _own_memory()
+
+    @property
+    def _shards(self) -> int:
+        """Number of processes that share the Gaussians."""
+        config = self.settings.config
+        return max(config.processes, 1) if config.shards else 1
+
+    def need(self, gaussians: int, each: float) -> TrainingMemory:
+        """The main memory that a process takes with so many Gaussians.
+
+        On a GPU these, and the images of a step, are in its own memory. Shards are each in a
+        process of its own.
+
+        Args:
+            gaussians: of the model.
+            each: bytes of a Gaussian.
+        """
+        views = self.data.views(Split.TRAIN)
+        images = min(decoded_bytes(self.data), usual_cache_mb(self.settings) * MEGABYTE)
+        if self.device.type != "cpu":
+            return TrainingMemory(0, each, len(self.data.scene.points), 0, images)
+        points, own = len(self.data.scene.points), -(-gaussians // self._shards)
+        return TrainingMemory(own, each, points, views.pixels, images)
+
+    def most_gaussians(self, each: float) -> int:
+        """Number of Gaussians that fit, with two digits; ``UNLIMITED`` where nothing limits them.
+
+        Args:
+            each: bytes of a Gaussian.
+        """
+        one = self.need(1, each)
+        if self.memory is None or not one.gaussians:
+            return UNLIMITED
+        most = one.most_gaussians(self.memory.room) * self._shards
+        return most - most % 10 ** max(len(str(most)) - 2, 0)
+
+    def check_start(self, scene: Scene, initial: Splats | None) -> None:
+        """Check, before a model is built, what any model of the scene would need.
+
+        Args:
+            scene: with the points to start from.
+            initial: splats to start from instead; ``None`` otherwise.
+
+        Raises:
+            NotEnoughMemoryError: it is more than there is.
+        """
+        count = len(scene.points) if initial is None else len(initial.means)
+        if initial is None and self.settings.config.init == "random":
+            count = 0
+        self._check(count, row_bytes(LEAST_COLUMN_BYTES), "at least")
+
+    def check_model(self, model: PrimitiveModel) -> None:
+        """Check what the model needs that a run starts with.
+
+        Raises:
+            NotEnoughMemoryError: it is more than there is.
+        """
+        self._check(model.num_rows, model_row_bytes(model), "about")
+
+    def _check(self, gaussians: int, each: float, precision: str) -> None:
+        """Check that the first steps of a run fit, with a margin (``CERTAIN``).
+
+        Raises:
+            NotEnoughMemoryError: they do not; names the need, the limit and what needs less.
+        """
+        if not (self.is_new and self.settings.config.check_memory) or self.memory is None:
+            return
+        memory, need = self.memory, self.need(gaussians, each)
+        if CERTAIN * need.total <= memory.room + memory.swap:
+            return
+        what = f" for {gaussians:,} Gaussians to start with" if need.gaussians else ""
+        raise NotEnoughMemoryError(
+            f"training needs {precision} {size(need.total)} of memory{what}, and {memory}.",
+            self._advice(need, memory),
+        )
+
+    def _advice(self, need: TrainingMemory, memory: MachineMemory) -> str:
+        """The settings that need less, and the way to train a scene that fits nowhere."""
+        settings, notable = self.settings.flat(), NOTABLE * need.total
+        most = self.most_gaussians(max(need.row_bytes, row_bytes(USUAL_COLUMN_BYTES)))
+        many, less = need.gaussians * need.row_bytes > notable, []
+        if many and most >= FEWEST:
+            less.append(f"fewer Gaussians to start with (init=dense dense_points={most})")
+        if many and int(settings.get("sh_degree", 0)) > 1:
+            less.append("fewer numbers of colour (sh_degree=1)")
+        if need.images > notable:
+            less.append(f"fewer decoded images (cache_mb={int(need.images / 4e6) or 1})")
+        if need.images + need.pixels * PIXEL_BYTES > notable:
+            less.append(f"smaller images (downscale={2 * settings['downscale']:g})")
+        lines = [f"A run needs less with {' or '.join(less)}."] if less else []
+        if many and settings["data"] and not self.data.scene.is_dynamic:
+            room = size(memory.room).replace(" ", "")
+            lines.append(
+                f"gsfw partition {settings['data']} out=DIR memory={room} cuts the scene into "
+                "blocks that fit; processes=N shards=N shares the Gaussians of one model among "
+                "machines."
+            )
+        lines.append("check_memory=false trains all the same.")
+        return "\n".join(lines)
+
+    def notes(self) -> tuple[str, ...]:
+        """Note on images that are decoded again and again, as memory is short."""
+        usual, decoded = usual_cache_mb(self.settings), decoded_bytes(self.data) / MEGABYTE
+        if not self.is_new or usual == self.settings.config.cache_mb or decoded <= usual:
+            return ()
+        return (
+            f"decoded images take at most {usual} MB of {decoded:.0f}, as {self.memory} "
+            "(cache_mb=N sets another number).",
+        )
+
+
+def _own_memory() -> MachineMemory | None:
+    """The memory of this process, as one of those of its launcher on this machine."""
+    memory, processes = machine_memory(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    return None if memory is None else memory.shared_by(processes)

@@ -1,0 +1,58 @@
+"""Training under a limit of memory: real control groups, and what the user reads."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from memory_limit import memory_limit
+from support.small_scene import SMALL_SCENE
+
+from gsfw.commands.main import main
+from gsfw.core.machine_memory import MachineMemory
+from gsfw.plugins import memory_fit
+
+WORDS = ("method=3dgs", "device=cpu", *SMALL_SCENE, "steps=2", "report=false")
+
+
+def test_a_run_that_cannot_fit_ends_with_a_sentence_and_leaves_no_folder(
+    tmp_path, capsys, monkeypatch
+):
+    little = MachineMemory(200_000_000, 200_000_000, is_group=True)
+    monkeypatch.setattr(memory_fit, "machine_memory", lambda: little)
+    for more in ((), ("--dry-run",)):
+        assert main(["train", *WORDS, f"out={tmp_path / 'run'}", *more]) == 2
+        assert capsys.readouterr().err.endswith(
+            "error: training needs at least 350 MB of memory for 150 Gaussians to start with, and "
+            "the control group of this process allows 200 MB.\n"
+            "check_memory=false trains all the same.\n"
+        )
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_ordinary_run_says_nothing_of_memory(tmp_path, capsys):
+    assert main(["train", *WORDS, f"out={tmp_path / 'run'}"]) == 0
+    said = capsys.readouterr()
+    assert "memory may" not in said.out + said.err
+    assert "decoded images" not in said.out + said.err
+
+
+@pytest.mark.slow
+def test_in_a_real_control_group_large_runs_are_refused_and_small_ones_train(tmp_path):
+    def train(points: int) -> subprocess.CompletedProcess:
+        with memory_limit(600) as limit:
+            if "control group" not in limit.name:
+                pytest.skip("no control group can be made here")
+            return subprocess.run(
+                [sys.executable, "-m", "gsfw", "train", *WORDS, f"datamanager.points={points}",
+                 f"out={tmp_path / str(points)}"],
+                preexec_fn=limit.enter, env=os.environ | {"OMP_NUM_THREADS": "1"},
+                capture_output=True, text=True, check=False,
+            )  # fmt: skip
+
+    refused = train(300_000)
+    assert refused.returncode == 2, refused.stderr
+    assert "error: training needs about 994 MB of memory for 300,000 Gaussians" in refused.stderr
+    assert "the control group of this process allows 600 MB" in refused.stderr
+    trained = train(20_000)
+    assert trained.returncode == 0, trained.stderr

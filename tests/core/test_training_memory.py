@@ -1,0 +1,80 @@
+"""The estimate of the memory of a training."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from support.small_scene import SMALL_SCENE
+
+from gsfw.core.column import Column
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.training_memory import (
+    BASE_BYTES,
+    USUAL_COLUMN_BYTES,
+    TrainingMemory,
+    decoded_bytes,
+    model_row_bytes,
+    row_bytes,
+)
+from gsfw.datamanagers.synthetic.config import SyntheticConfig
+from gsfw.plugins.memory_fit import CERTAIN
+
+
+class Model(PrimitiveModel):
+    """Five rows of three trained numbers, and of a buffer."""
+
+    def columns(self):
+        rate = LearningRate(1e-3)
+        return {"a": Column(torch.zeros(5, 3), rate), "b": Column(torch.zeros(5, 99))}
+
+    def splats(self, time=None, cameras=None):
+        raise NotImplementedError
+
+
+def test_a_gaussian_of_degree_3_takes_2100_bytes():
+    assert row_bytes(USUAL_COLUMN_BYTES) == 2100
+
+
+def test_trained_columns_count_and_buffers_do_not():
+    assert model_row_bytes(Model()) == row_bytes(4.0 * 3)
+
+
+def test_as_many_gaussians_fit_as_fill_the_memory():
+    need = TrainingMemory(1000, 2100.0, points=500, pixels=10_000, images=7e6)
+    assert need.total == BASE_BYTES + 1000 * 2100 + 500 * 48 + 10_000 * 400 + 7e6
+    assert need.most_gaussians(need.total) == 1000
+    assert need.most_gaussians(need.total - 1) == 999
+    assert need.most_gaussians(1e6) == 0
+
+
+def test_images_of_both_splits_are_decoded():
+    data = SyntheticConfig(views=5, eval_views=2, width=32, height=24, points=50).build(
+        DataRequest(None)
+    )
+    assert decoded_bytes(data) == 7 * 32 * 24 * 4
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells the memory")
+def test_a_run_takes_about_what_is_estimated(tmp_path):
+    rows, words = 100_000, [word for word in SMALL_SCENE if "points" not in word]
+    command = [sys.executable, "-m", "gsfw", "train", "method=3dgs", f"datamanager.points={rows}"]
+    command += [*words, "device=cpu", "steps=3", "report=false", f"out={tmp_path / 'run'}"]
+    run = subprocess.Popen(
+        command, env=os.environ | {"OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL
+    )
+    status, peak = Path(f"/proc/{run.pid}/status"), 0
+    while run.poll() is None:
+        found = re.search(r"RssAnon:\s+(\d+)", status.read_text())
+        peak = max(peak, 1024 * int(found[1]) if found else 0)
+        time.sleep(0.01)
+    assert run.returncode == 0
+    need = TrainingMemory(rows, row_bytes(USUAL_COLUMN_BYTES), rows, 32 * 24, 1e5).total
+    assert CERTAIN * need < peak < 1.1 * need

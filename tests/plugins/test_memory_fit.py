@@ -1,0 +1,204 @@
+"""Runs that do not fit into memory are refused in words before they begin."""
+
+import pytest
+import torch
+from support.small_scene import SMALL_SCENE
+from support.street import write_street
+
+from gsfw.core.errors import NotEnoughMemoryError
+from gsfw.core.loop.growth_limit import UNLIMITED
+from gsfw.core.machine_memory import MachineMemory
+from gsfw.planning.costs import memory_note
+from gsfw.plugins import memory_fit
+from gsfw.plugins.compose import compose
+from gsfw.plugins.memory_fit import MemoryFit, usual_cache_mb
+from gsfw.plugins.opening import open_data
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
+
+MB = 10**6
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def memory(monkeypatch):
+    """Sets the memory that there is, in megabytes."""
+
+    def there_is(megabytes: float, **more: object) -> None:
+        found = MachineMemory(int(megabytes * MB), int(megabytes * MB), **more)
+        monkeypatch.setattr(memory_fit, "machine_memory", lambda: found)
+
+    return there_is
+
+
+def settings(*words: str) -> Settings:
+    given = dict(word.split("=", 1) for word in ("method=3dgs", "device=cpu", *words))
+    return resolve(installed(), [Layer(COMMAND_LINE, given)])
+
+
+def composed(*words: str, **more: object):
+    return compose(settings(*SMALL_SCENE, *words), installed(), **more)
+
+
+def refusal(*words: str) -> NotEnoughMemoryError:
+    with pytest.raises(NotEnoughMemoryError) as caught:
+        compose(settings(*words), installed())
+    return caught.value
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory) -> str:
+    """A data set of 100,000 points."""
+    folder = tmp_path_factory.mktemp("large") / "street"
+    return str(write_street(folder, views=4, points=100_000))
+
+
+def test_a_start_that_does_not_fit_is_refused_with_what_needs_less(street, memory):
+    memory(400, is_group=True)
+    error = refusal(f"data={street}")
+    assert error.exit_code == 2
+    assert error.message == (
+        "training needs about 565 MB of memory for 100,000 Gaussians to start with, and the "
+        "control group of this process allows 400 MB."
+    )
+    assert error.advice == (
+        "A run needs less with fewer Gaussians to start with (init=dense dense_points=21000) or "
+        "fewer numbers of colour (sh_degree=1).\n"
+        f"gsfw partition {street} out=DIR memory=400MB cuts the scene into blocks that fit; "
+        "processes=N shards=N shares the Gaussians of one model among machines.\n"
+        "check_memory=false trains all the same."
+    )
+
+
+def test_what_is_proposed_fits(street, memory):
+    data = f"data={street}"
+    memory(400)
+    refusal(data)
+    compose(settings(data, "sh_degree=1"), installed())
+    found = settings(data)
+    assert MemoryFit(found, open_data(found), CPU).need(21_000, 2100.0).total < 400 * MB
+
+
+def test_the_need_of_any_model_is_known_before_one_is_built(street, memory, monkeypatch):
+    def build(*arguments):
+        raise AssertionError("a model is built")
+
+    monkeypatch.setattr("gsfw.methods.gaussians3d.method.StaticGaussiansMethod.build_model", build)
+    memory(300)
+    assert refusal(f"data={street}").message == (
+        "training needs at least 421 MB of memory for 100,000 Gaussians to start with, and this "
+        "machine has 300 MB."
+    )
+
+
+def test_large_images_are_named_with_settings_that_shrink_them(memory):
+    memory(300)
+    advice = refusal(*SMALL_SCENE, "datamanager.width=1600", "datamanager.height=1200").advice
+    assert advice == (
+        "A run needs less with smaller images (downscale=2).\n"
+        "check_memory=false trains all the same."
+    )
+
+
+def test_many_images_are_named_with_a_smaller_cache(memory):
+    memory(300)
+    words = ("datamanager.views=400", "datamanager.width=200", "datamanager.height=200")
+    error = refusal(*SMALL_SCENE, *words, "cache_mb=200")
+    assert "fewer decoded images (cache_mb=16) or smaller images (downscale=2)" in error.advice
+
+
+def test_a_run_that_may_fit_is_not_refused(memory):
+    memory(270)  # About 350 MB are estimated.
+    composed()
+
+
+def test_swap_keeps_a_run_alive(memory):
+    memory(200, swap=100 * MB)
+    composed()
+
+
+def test_who_insists_trains_all_the_same(memory):
+    memory(100)
+    composed("check_memory=false")
+
+
+def test_a_trained_model_is_opened_whatever_training_would_need(memory):
+    memory(100)
+    assert len(composed(restoring=True).parts.table) == 150
+
+
+def test_unknown_memory_refuses_nothing(monkeypatch):
+    monkeypatch.setattr(memory_fit, "machine_memory", lambda: None)
+    composition = composed()
+    assert memory_note(composition) == ()
+    assert usual_cache_mb(composition.settings) == 2048
+
+
+def test_processes_of_one_machine_share_its_memory(memory, monkeypatch):
+    memory(600)
+    composed()
+    monkeypatch.setenv("LOCAL_WORLD_SIZE", "3")
+    assert "this machine has 600 MB, of which 200 MB are left" in refusal(*SMALL_SCENE).message
+
+
+def fit_of(*words: str, device: str = "cpu") -> MemoryFit:
+    found = settings(*SMALL_SCENE, *words)
+    return MemoryFit(found, open_data(found), torch.device(device))
+
+
+def test_shards_are_in_a_process_each():
+    assert fit_of("processes=4", "shards=4").need(1001, 2100.0).gaussians == 251
+    assert fit_of("processes=4").need(1001, 2100.0).gaussians == 1001
+
+
+def test_gaussians_on_a_gpu_take_no_main_memory():
+    fit = fit_of(device="cuda")
+    assert fit.need(10**9, 2100.0).total < 400 * MB
+    assert fit.most_gaussians(2100.0) == UNLIMITED
+
+
+def test_growth_beyond_memory_is_noted_with_the_limit_that_prevents_it(memory):
+    memory(8000)
+    free = ("datamanager.width=400", "datamanager.height=300", "strategy.max_gaussians=3000000")
+    long = (*free, "datamanager.points=20000", "steps=30000")
+    assert memory_note(composed(*long)) == ()
+    memory(600)
+    assert memory_note(composed(*long)) == (
+        "memory may run short: the 240,000 Gaussians that the model may grow to need about 907 MB, "
+        "and this machine has 600 MB; about 93,000 fit (strategy.max_gaussians=93000 ends growth "
+        "there).",
+    )
+    assert memory_note(composed(*long, "strategy.max_gaussians=90000")) == ()
+
+
+def test_a_start_that_hardly_fits_is_noted(memory):
+    memory(500)
+    start = ("datamanager.points=90000", "strategy=none")
+    assert memory_note(composed(*start)) == (
+        "memory may run short: the 90,000 Gaussians need about 544 MB, and this machine has "
+        "500 MB; about 69,000 fit.",
+    )
+
+
+def test_the_usual_cache_takes_a_quarter_of_the_memory_and_what_is_given_stays(memory):
+    memory(1350)
+    assert usual_cache_mb(settings(*SMALL_SCENE)) == 250
+    assert usual_cache_mb(settings(*SMALL_SCENE, "cache_mb=2048")) == 2048
+    memory(100)
+    assert usual_cache_mb(settings(*SMALL_SCENE)) == 100
+    memory(64_000)
+    assert usual_cache_mb(settings(*SMALL_SCENE)) == 2048
+
+
+def test_images_that_do_not_stay_in_memory_are_noted(memory):
+    words = ("datamanager.views=198", "datamanager.width=500", "datamanager.height=400")
+    ample = settings(*SMALL_SCENE, *words, "cache_mb=2048")
+    data = open_data(ample)
+    memory(800)
+    assert MemoryFit(settings(*SMALL_SCENE, *words), data, CPU).notes() == (
+        "decoded images take at most 112 MB of 160, as this machine has 800 MB (cache_mb=N sets "
+        "another number).",
+    )
+    assert MemoryFit(ample, data, CPU).notes() == ()
+    memory(4000)
+    assert MemoryFit(settings(*SMALL_SCENE, *words), data, CPU).notes() == ()
