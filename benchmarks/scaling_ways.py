@@ -15,7 +15,7 @@ import scaling_faults as faults
 import scaling_formulas as formulas
 from scaling_formulas import Costs, Machine, View
 
-from gsfw.partition.costs import POINT_BYTES
+from gsfw.core.training_memory import POINT_BYTES
 from gsfw.partition.plan import MOST_BLOCKS
 
 GIGABIT = 1e9 / 8

@@ -1,8 +1,8 @@
 """Training memory: the main memory that a process needs to train on the CPU, about.
 
 Measured as the most anonymous memory (``RssAnon``, which a control group counts) of whole runs of
-3dgs, 4dgs and spacetime with 20,000 to 1,000,000 Gaussians and 19,000 to 7.7 million pixels: the
-estimate is 0.96 to 1.32 of it. docs/guides/large-scenes.md has the runs.
+four methods with 20,000 to 1,000,000 Gaussians and 768 to 7.7 million pixels: the estimate is 0.96
+to 1.39 of it. docs/guides/large-scenes.md has the runs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.model import PrimitiveModel
 
-BASE_BYTES = 350_000_000
+BASE_BYTES = 350e6
 """Memory of a training process without Gaussians and images."""
 COPIES = 8
 """Bytes in training for each byte of a trained column, at the peak: value, gradient, two moments,
@@ -23,8 +23,6 @@ POINT_BYTES = 48
 """Memory of a point of the data set, which every process reads: position and colour in float64."""
 PIXEL_BYTES = 400
 """Memory of a step for each pixel of its image: the render, the photo, gradients and SSIM."""
-LEAST_COLUMN_BYTES = 4.0 * 14
-"""Columns of a Gaussian with one colour: position, rotation, three scales, opacity, colour."""
 USUAL_COLUMN_BYTES = 4.0 * 59
 """Columns of a Gaussian with SH of degree 3."""
 

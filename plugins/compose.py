@@ -260,7 +260,7 @@ def compose(
     with stage("building the model"):
         if initial is None:
             initial = read_initial(settings.config.init, registry, start.scene)
-        fit.check_start(start.scene, initial)
+        fit.check_start(method, start.scene, initial)
         begun = (start.scene, initial)
         parts = _parts(settings, registry, method, data, begun, corrections, device)
     fit.check_model(parts.model)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
+from jaxtyping import Int
+from torch import Tensor
 
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.growth_limit import UNLIMITED
 from gsfw.core.machine_memory import MachineMemory, machine_memory
+from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.training_memory import (
     BASE_BYTES,
-    LEAST_COLUMN_BYTES,
     PIXEL_BYTES,
     USUAL_COLUMN_BYTES,
     TrainingMemory,
@@ -28,15 +31,17 @@ from gsfw.core.training_memory import (
 from gsfw.core.words import size
 from gsfw.plugins.settings import Settings
 
-CERTAIN = 0.75
-"""Part of the estimate that a run takes at least: it was 0.75 to 1.05 of it where it was measured
-(``core.training_memory``). Only a run that needs more than there is even then is refused."""
+CERTAIN = 0.72
+"""Part of the estimate that a run takes at least: it was 0.72 to 1.04 of it where it was measured
+(docs/guides/large-scenes.md). Only a run that needs more than there is even then is refused."""
 CACHE_SHARE = 0.25
 """Part of the memory for decoded images at most, where the user gives no number."""
 LEAST_CACHE_MB = 100
 """Megabytes of decoded images that are kept all the same: without any, every use decodes."""
 NOTABLE = 0.1
 """Part of the need from which on a remedy is worth a word."""
+SAMPLE = 500
+"""Points of a model that shows the bytes of a Gaussian."""
 FEWEST = 5_000
 """Gaussians to start with that are worth a proposal."""
 MEGABYTE = 1_000_000
@@ -101,20 +106,35 @@ class MemoryFit:
         most = one.most_gaussians(self.memory.room) * self._shards
         return most - most % 10 ** max(len(str(most)) - 2, 0)
 
-    def check_start(self, scene: Scene, initial: Splats | None) -> None:
-        """Check, before a model is built, what any model of the scene would need.
+    def check_start(self, method: Method, scene: Scene, initial: Splats | None) -> None:
+        """Check, before a model is built, whether there is memory for one of all points.
+
+        Where it may be short, a model of a few of them shows the bytes of a Gaussian.
 
         Args:
+            method: builds it.
             scene: with the points to start from.
             initial: splats to start from instead; ``None`` otherwise.
 
         Raises:
-            NotEnoughMemoryError: it is more than there is.
+            NotEnoughMemoryError: there is not.
         """
-        count = len(scene.points) if initial is None else len(initial.means)
+        count = len(scene.points) if initial is None else len(initial)
         if initial is None and self.settings.config.init == "random":
             count = 0
-        self._check(count, row_bytes(LEAST_COLUMN_BYTES), "at least")
+        if not self._is_too_much(self.need(count, row_bytes(USUAL_COLUMN_BYTES))):
+            return
+        if not count:
+            self._check(0, row_bytes(USUAL_COLUMN_BYTES))
+            return
+        few = torch.linspace(0, count - 1, min(count, SAMPLE)).long()
+        scene, initial = (
+            (_with_points(scene, few), None) if initial is None else (scene, initial.take(few))
+        )
+        seeded = torch.Generator().manual_seed(0)
+        model = method.build_model(scene, Operators(), seeded, initial)
+        share = min(model.num_rows / len(few), 1.0)  # A method may use some of the points.
+        self._check(int(count * share), model_row_bytes(model))
 
     def check_model(self, model: PrimitiveModel) -> None:
         """Check what the model needs that a run starts with.
@@ -122,29 +142,33 @@ class MemoryFit:
         Raises:
             NotEnoughMemoryError: it is more than there is.
         """
-        self._check(model.num_rows, model_row_bytes(model), "about")
+        self._check(model.num_rows, model_row_bytes(model))
 
-    def _check(self, gaussians: int, each: float, precision: str) -> None:
+    def _is_too_much(self, need: TrainingMemory) -> bool:
+        """True if a run needs more than there is for certain, and may be refused."""
+        if not (self.is_new and self.settings.config.check_memory) or self.memory is None:
+            return False
+        return CERTAIN * need.total > self.memory.room + self.memory.swap
+
+    def _check(self, gaussians: int, each: float) -> None:
         """Check that the first steps of a run fit, with a margin (``CERTAIN``).
 
         Raises:
             NotEnoughMemoryError: they do not; names the need, the limit and what needs less.
         """
-        if not (self.is_new and self.settings.config.check_memory) or self.memory is None:
-            return
-        memory, need = self.memory, self.need(gaussians, each)
-        if CERTAIN * need.total <= memory.room + memory.swap:
+        need = self.need(gaussians, each)
+        if self.memory is None or not self._is_too_much(need):
             return
         what = f" for {gaussians:,} Gaussians to start with" if need.gaussians else ""
         raise NotEnoughMemoryError(
-            f"training needs {precision} {size(need.total)} of memory{what}, and {memory}.",
-            self._advice(need, memory),
+            f"training needs about {size(need.total)} of memory{what}, and {self.memory}.",
+            self._advice(need, self.memory),
         )
 
     def _advice(self, need: TrainingMemory, memory: MachineMemory) -> str:
         """The settings that need less, and the way to train a scene that fits nowhere."""
         settings, notable = self.settings.flat(), NOTABLE * need.total
-        most = self.most_gaussians(max(need.row_bytes, row_bytes(USUAL_COLUMN_BYTES)))
+        most = self.most_gaussians(need.row_bytes)
         many, less = need.gaussians * need.row_bytes > notable, []
         if many and most >= FEWEST:
             less.append(f"fewer Gaussians to start with (init=dense dense_points={most})")
@@ -180,3 +204,14 @@ def _own_memory() -> MachineMemory | None:
     """The memory of this process, as one of those of its launcher on this machine."""
     memory, processes = machine_memory(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
     return None if memory is None else memory.shared_by(processes)
+
+
+def _with_points(scene: Scene, rows: Int[Tensor, " r"]) -> Scene:
+    """A scene with some of its points."""
+    times = scene.point_times
+    return replace(
+        scene,
+        points=scene.points[rows],
+        point_colors=scene.point_colors[rows],
+        point_times=None if times is None else times[rows],
+    )

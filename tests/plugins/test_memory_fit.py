@@ -8,6 +8,7 @@ from support.street import write_street
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.growth_limit import UNLIMITED
 from gsfw.core.machine_memory import MachineMemory
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.planning.costs import memory_note
 from gsfw.plugins import memory_fit
 from gsfw.plugins.compose import compose
@@ -54,17 +55,17 @@ def street(tmp_path_factory) -> str:
 
 
 def test_a_start_that_does_not_fit_is_refused_with_what_needs_less(street, memory):
-    memory(400, is_group=True)
+    memory(390, is_group=True)
     error = refusal(f"data={street}")
     assert error.exit_code == 2
     assert error.message == (
         "training needs about 565 MB of memory for 100,000 Gaussians to start with, and the "
-        "control group of this process allows 400 MB."
+        "control group of this process allows 390 MB."
     )
     assert error.advice == (
-        "A run needs less with fewer Gaussians to start with (init=dense dense_points=21000) or "
+        "A run needs less with fewer Gaussians to start with (init=dense dense_points=16000) or "
         "fewer numbers of colour (sh_degree=1).\n"
-        f"gsfw partition {street} out=DIR memory=400MB cuts the scene into blocks that fit; "
+        f"gsfw partition {street} out=DIR memory=390MB cuts the scene into blocks that fit; "
         "processes=N shards=N shares the Gaussians of one model among machines.\n"
         "check_memory=false trains all the same."
     )
@@ -72,27 +73,33 @@ def test_a_start_that_does_not_fit_is_refused_with_what_needs_less(street, memor
 
 def test_what_is_proposed_fits(street, memory):
     data = f"data={street}"
-    memory(400)
+    memory(390)
     refusal(data)
     compose(settings(data, "sh_degree=1"), installed())
     found = settings(data)
-    assert MemoryFit(found, open_data(found), CPU).need(21_000, 2100.0).total < 400 * MB
+    assert MemoryFit(found, open_data(found), CPU).need(16_000, 2100.0).total < 390 * MB
 
 
-def test_the_need_of_any_model_is_known_before_one_is_built(street, memory, monkeypatch):
-    def build(*arguments):
-        raise AssertionError("a model is built")
+def test_the_need_is_known_before_a_large_model_is_built(street, memory, monkeypatch):
+    built, build = [], StaticGaussiansMethod.build_model
 
-    monkeypatch.setattr("gsfw.methods.gaussians3d.method.StaticGaussiansMethod.build_model", build)
-    memory(300)
-    assert refusal(f"data={street}").message == (
-        "training needs at least 421 MB of memory for 100,000 Gaussians to start with, and this "
-        "machine has 300 MB."
+    def counting(self, scene, *arguments):
+        built.append(len(scene.points))
+        return build(self, scene, *arguments)
+
+    monkeypatch.setattr(StaticGaussiansMethod, "build_model", counting)
+    memory(290)
+    assert refusal(f"data={street}", "sh_degree=0").message == (
+        "training needs about 421 MB of memory for 100,000 Gaussians to start with, and this "
+        "machine has 290 MB."
     )
+    memory(330)
+    compose(settings(f"data={street}", "sh_degree=0"), installed())
+    assert built == [500, 500, 100_000]
 
 
 def test_large_images_are_named_with_settings_that_shrink_them(memory):
-    memory(300)
+    memory(290)
     advice = refusal(*SMALL_SCENE, "datamanager.width=1600", "datamanager.height=1200").advice
     assert advice == (
         "A run needs less with smaller images (downscale=2).\n"
@@ -101,7 +108,7 @@ def test_large_images_are_named_with_settings_that_shrink_them(memory):
 
 
 def test_many_images_are_named_with_a_smaller_cache(memory):
-    memory(300)
+    memory(290)
     words = ("datamanager.views=400", "datamanager.width=200", "datamanager.height=200")
     error = refusal(*SMALL_SCENE, *words, "cache_mb=200")
     assert "fewer decoded images (cache_mb=16) or smaller images (downscale=2)" in error.advice
