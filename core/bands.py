@@ -1,4 +1,4 @@
-"""Bands: an image in strips of pixel rows, rendered from splats that several processes have.
+"""Bands: images in strips of pixel rows, rendered from splats that several processes have.
 
 Every process projects its own splats, and sends each to the bands that it reaches. A band is
 blended from the splats of all, and returns sums for each of them, from which their processes
@@ -17,12 +17,12 @@ from gsfw.core.splats import Splats
 
 
 class BandedSplats(ABC):
-    """Splats of one process in an image, divided by the bands that they may reach."""
+    """Splats of one process in some images, divided by the bands that they may reach."""
 
     rows: Float[Tensor, "m k"]
     """One row for each splat and band, band after band; without a graph."""
     counts: tuple[int, ...]
-    """Number of rows of each band."""
+    """Number of rows of each band; bands of the first image come first."""
     num_sums: int
     """Sums that a band returns for each row."""
 
@@ -50,26 +50,26 @@ class RenderedBand(ABC):
 
 
 class Bands(ABC):
-    """The bands of one image."""
+    """The bands of the images of a render."""
 
     channels: int
     """Channels of the image of a band."""
 
     @abstractmethod
     def project(self, splats: Splats) -> BandedSplats:
-        """Project some splats of the image."""
+        """Project some splats into all images."""
 
     @abstractmethod
     def render(self, band: int, rows: Float[Tensor, "m k"]) -> RenderedBand:
         """Render a band.
 
         Args:
-            band: its number, from above.
+            band: its number, from above; bands of the first image come first.
             rows: splats that may reach it, as ``project`` returns them, of all processes.
         """
 
     @abstractmethod
     def output(
-        self, image: Float[Tensor, "1 h w d"], alpha: Float[Tensor, "1 h w 1"]
+        self, image: Float[Tensor, "c h w d"], alpha: Float[Tensor, "c h w 1"]
     ) -> RenderOutput:
         """The images of a render, from all bands together; without statistics of splats."""

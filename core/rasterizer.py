@@ -104,16 +104,16 @@ class Rasterizer(ABC):
         return sums
 
     def bands(
-        self, splats: Splats, camera: Cameras, settings: RenderSettings, pixels: Sequence[range]
+        self, splats: Splats, cameras: Cameras, settings: RenderSettings, pixels: Sequence[range]
     ) -> Bands | None:
-        """An image of which several processes render bands; ``None`` if it has no kernels for that.
+        """Images of which several processes render bands; ``None`` if it has no kernels for that.
 
         Args:
-            splats: some splats of the image, which have the channels of all.
-            camera: one camera.
+            splats: some splats of the images, which have the channels of all.
+            cameras: one per image.
             settings: the settings of the render.
-            pixels: rows of pixels of each band, from above; all but the last have the same height,
-                in whole tiles of 16.
+            pixels: rows of pixels of each band of an image, from above; all but the last have the
+                same height, in whole tiles of 16.
         """
         return None
 

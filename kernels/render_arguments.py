@@ -177,11 +177,12 @@ class RowGradients:
 
     sums: Float[Tensor, "m s"]
     splats: SplatGradients
+    accumulate: bool
+    """True if gradients of splats are added to (further images) instead of replaced."""
     pose: Float[Tensor, " p"] | None
     screen_gradient: Float[Tensor, " n"] | None
     absgrad: Float[Tensor, " n"] | None
     contribution: Float[Tensor, " n"] | None
-    accumulate: bool = False
 
 
 @dataclass(frozen=True)

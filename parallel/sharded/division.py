@@ -53,6 +53,9 @@ class Division:
         step = self.band_height(height)
         return [range(top, min(top + step, height)) for top in range(0, height, step)]
 
-    def bands_of(self, rank: int, height: int) -> list[int]:
-        """The bands of a process: every N-th, since neighbours are about as expensive."""
-        return list(range(rank, len(self.bands(height)), self.size))
+    def owner(self, image: int, band: int) -> int:
+        """The process that renders a band of an image of a step.
+
+        Neighbours are about as expensive, and so is the same band of other images.
+        """
+        return (image + band) % self.size

@@ -1,4 +1,4 @@
-"""Flat bands: the bands of an image by any rasterizer that has orthographic cameras.
+"""Flat bands: the bands of images by any rasterizer that has orthographic cameras.
 
 Flat splats are exchanged. They are projected in plain torch, so that a rasterizer with kernels for
 bands (``Rasterizer.bands``) is several times as fast.
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.bands import BandedSplats, Bands, RenderedBand
@@ -20,20 +20,20 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
-from gsfw.parallel.sharded.flat_splats import FlatSplats, band_camera, drawn, project
+from gsfw.parallel.sharded.flat_splats import band_camera, drawn, project
 
 GRADIENTS = frozenset({Statistic.SCREEN_GRADIENT})
 """Statistics that follow from the gradients of flat splats; bands need not measure them."""
 
 
 class FlatBands(Bands):
-    """The bands of one image, by a rasterizer that has orthographic cameras."""
+    """The bands of some images, by a rasterizer that has orthographic cameras."""
 
     def __init__(
         self,
         rasterizer: Rasterizer,
         splats: Splats,
-        camera: Cameras,
+        cameras: Cameras,
         settings: RenderSettings,
         pixels: Sequence[range],
     ) -> None:
@@ -48,20 +48,23 @@ class FlatBands(Bands):
                 f"{type(rasterizer).__name__} has no kernels that add them up over bands.",
                 "Train with strategy.absgrad=false, with shards=0, or with rasterizer=cpu.",
             )
-        self._rasterizer, self._camera, self._settings = rasterizer, camera, settings
+        self._rasterizer, self._settings = rasterizer, settings
+        self._cameras = [cameras.select([index]) for index in range(len(cameras))]
         self._like, self._pixels = splats, pixels
         self._extras = 0 if splats.extra is None else splats.extra.shape[1]
         self.channels = splats.channels + self._extras + (settings.depth is not Depth.NONE)
 
     def project(self, splats: Splats) -> FlatBandedSplats:
-        """Project some splats of the image."""
-        flat = project(splats, self._camera, self._settings)
-        sent = [flat.reaching(band) for band in self._pixels]
-        return FlatBandedSplats(splats, flat, sent, self._camera, self._settings)
+        """Project some splats into all images."""
+        images = [
+            FlatImage(splats, camera, self._settings, self._pixels) for camera in self._cameras
+        ]
+        return FlatBandedSplats(images, self._settings)
 
     def render(self, band: int, rows: Float[Tensor, "m k"]) -> FlatRenderedBand:
         """Render a band."""
-        pixels, weights = self._pixels[band], self._settings.contribution_weights
+        image, number = divmod(band, len(self._pixels))
+        pixels, weights = self._pixels[number], self._settings.contribution_weights
         splats = rows.detach().requires_grad_(torch.is_grad_enabled())
         settings = replace(
             self._settings,
@@ -69,15 +72,15 @@ class FlatBands(Bands):
             statistics=self._settings.statistics - GRADIENTS,
             contribution_weights=None
             if weights is None
-            else weights[:, pixels.start : pixels.stop].contiguous(),
+            else weights[image : image + 1, pixels.start : pixels.stop].contiguous(),
         )
-        camera = band_camera(self._camera, pixels)
+        camera = band_camera(self._cameras[image], pixels)
         return FlatRenderedBand(
             splats, self._rasterizer.render(drawn(splats, self._like.channels), camera, settings)
         )
 
     def output(
-        self, image: Float[Tensor, "1 h w d"], alpha: Float[Tensor, "1 h w 1"]
+        self, image: Float[Tensor, "c h w d"], alpha: Float[Tensor, "c h w 1"]
     ) -> RenderOutput:
         """The images of a render, from all bands together."""
         like, settings = self._like, self._settings
@@ -88,38 +91,21 @@ class FlatBands(Bands):
         return RenderOutput(
             color=color,
             alpha=alpha,
-            statistics=RenderStatistics.zeros(like.means, 1, frozenset()),
+            statistics=RenderStatistics.zeros(like.means, len(image), frozenset()),
             depth=None if settings.depth is Depth.NONE else depth,
             extra=extra if self._extras else None,
         )
 
 
 class FlatBandedSplats(BandedSplats):
-    """Flat splats of one process, divided by the bands that they may reach."""
+    """Flat splats of one process in some images, divided by the bands that they may reach."""
 
-    def __init__(
-        self,
-        splats: Splats,
-        flat: FlatSplats,
-        sent: Sequence[Int[Tensor, " r"]],
-        camera: Cameras,
-        settings: RenderSettings,
-    ) -> None:
-        """Divide flat splats.
-
-        Args:
-            splats: all of the process, whether they reach the image or not.
-            flat: those that may reach it.
-            sent: for each band, the flat splats that may reach it.
-            camera: the camera of the image.
-            settings: the settings of the render.
-        """
-        self._splats, self._camera, self._settings = splats, camera, settings
-        self._sent = torch.cat(list(sent))
-        self._rows = flat.rows.index_select(0, self._sent)
-        self._values = flat.values.index_select(0, self._sent)
+    def __init__(self, images: Sequence[FlatImage], settings: RenderSettings) -> None:
+        """Join the flat splats of all images."""
+        self._images = images
+        self._values = torch.cat([image.values for image in images])
         self.rows = self._values.detach()
-        self.counts = tuple(map(len, sent))
+        self.counts = tuple(count for image in images for count in image.counts)
         self._width = self.rows.shape[1]
         self.num_sums = self._width + 2 + (Statistic.CONTRIBUTION in settings.statistics)
 
@@ -129,14 +115,37 @@ class FlatBandedSplats(BandedSplats):
 
     def statistics(self, sums: Float[Tensor, "m s"]) -> RenderStatistics:
         """The statistics of all splats."""
+        parts = sums.split([sum(image.counts) for image in self._images])
+        pairs = zip(self._images, parts, strict=True)
+        return RenderStatistics.cat([image.statistics(part, self._width) for image, part in pairs])
+
+
+class FlatImage:
+    """Flat splats of one process in one image, divided by bands."""
+
+    def __init__(
+        self, splats: Splats, camera: Cameras, settings: RenderSettings, pixels: Sequence[range]
+    ) -> None:
+        """Project splats; ``pixels`` has the rows of pixels of each band."""
+        self._splats, self._camera, self._settings = splats, camera, settings
+        flat = project(splats, camera, settings)
+        sent = [flat.reaching(band) for band in pixels]
+        self.counts = list(map(len, sent))
+        order = torch.cat(sent)
+        self._rows = flat.rows.index_select(0, order)
+        self.values = flat.values.index_select(0, order)
+        """Values of each splat, for each band that it may reach; attached to the graph."""
+
+    def statistics(self, sums: Float[Tensor, "m s"], width: int) -> RenderStatistics:
+        """The statistics of all splats; ``sums`` has gradients of ``width`` values first."""
         found = RenderStatistics.zeros(self._splats.means, 1, self._settings.statistics)
-        counts = list(self.counts)
-        for rows, measured in zip(self._rows.split(counts), sums.split(counts), strict=True):
-            visible, radii = measured[:, self._width : self._width + 2].unbind(1)
+        bands = zip(self._rows.split(self.counts), sums.split(self.counts), strict=True)
+        for rows, measured in bands:
+            visible, radii = measured[:, width : width + 2].unbind(1)
             found.visible[0, rows] |= visible > 0
             found.radii[0, rows] = torch.maximum(found.radii[0, rows], radii)
             if found.contribution is not None:
-                found.contribution[0].index_add_(0, rows, measured[:, self._width + 2])
+                found.contribution[0].index_add_(0, rows, measured[:, width + 2])
         if self._settings.profile.alpha_min <= 0:  # All reach the whole image, not their bands.
             whole = 0.5 * max(self._camera.width, self._camera.height)
             found.radii.masked_fill_(found.visible, whole)

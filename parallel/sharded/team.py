@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ from gsfw.parallel.group import Group
 from gsfw.parallel.parallel_team import ParallelTeam
 from gsfw.parallel.sharded.division import Division
 from gsfw.parallel.sharded.state import by_row, num_rows, rows_of, whole
-from gsfw.parallel.sharded.view import View
+from gsfw.parallel.sharded.views import Views
 
 STATISTICS = tuple(item.name for item in fields(RenderStatistics))
 Gradients = list[tuple[Tensor, Tensor | None]]
@@ -47,6 +48,8 @@ Gradients = list[tuple[Tensor, Tensor | None]]
 
 class GaussianParallel(ParallelTeam):
     """The rows of the model and the bands of images are divided among processes."""
+
+    splits_views = False
 
     def __init__(self, group: Group, shards: int) -> None:
         """Start before the first step.
@@ -59,7 +62,7 @@ class GaussianParallel(ParallelTeam):
         self.num_rows = 0
         """Rows of all processes."""
         self.division = Division(shards, group.size)
-        self._open: list[View] = []
+        self._open: list[Views] = []
         self._statistics: list[RenderStatistics] = []
 
     def check(self, parts: TrainingParts) -> None:
@@ -164,19 +167,19 @@ class GaussianParallel(ParallelTeam):
         settings: RenderSettings,
         time: Float[Tensor, ""] | None,
     ) -> Rendering:
-        """Render one view with all processes; every process gets its images."""
-        view = View(
+        """Render images with all processes; every process gets them."""
+        views = Views(
             self._group, self.division, model, rasterizer, cameras, settings, time, self.num_rows
         )
         if torch.is_grad_enabled():
-            self._open.append(view)
-        nowhere, total = view.output.statistics, max(self.num_rows, 1)
+            self._open.append(views)
+        nowhere, total = views.output.statistics, max(self.num_rows, 1)
         parts = [
             RenderedPart(shard.splats, nowhere, shard.window.count / total, shard.window.shown)
-            for shard in view.shards
+            for shard in views.shards
         ]
         absent: Any = Absent(rows=None)
-        return Rendering(view.output, absent, parts)
+        return Rendering(views.output, absent, parts)
 
     def backward(self, rendered: RenderedBatch | None, optimizer: Optimizer) -> None:
         """Go back from the losses to the rows of this process, shard by shard."""
@@ -193,7 +196,7 @@ class GaussianParallel(ParallelTeam):
             self._shard_backward(place, list(terms.values()), share)
             if tensors:
                 of_shards.append(_flat(_taken(tensors)))
-        self._statistics.append(RenderStatistics.joined_rows(self._open[0].statistics()))
+        self._statistics.append(self._open[0].statistics())
         self._open.clear()
         if tensors:
             self._add_up(before, of_images, torch.stack(of_shards))
@@ -233,30 +236,30 @@ class GaussianParallel(ParallelTeam):
             start += size
 
     def _of_all_rows(self, own: Sequence[RenderStatistics]) -> list[RenderStatistics]:
-        """For each view of a step: the statistics of all rows, from those of this process.
+        """For each render of a step: the statistics of all rows, from those of this process.
 
         Only rows that a view has seen are sent: bytes do not grow with the scene.
         """
         if self.size == 1:
             return list(own)
         names = [name for name in STATISTICS if getattr(own[0], name) is not None]
-        lines = [self._seen(statistics, names) for statistics in own]
+        cameras = [len(statistics.visible) for statistics in own]
+        lines = [
+            _seen(statistics, names, image)
+            for statistics, count in zip(own, cameras, strict=True)
+            for image in range(count)
+        ]
         sent = torch.tensor([len(of_view) for of_view in lines], device=lines[0].device)
         counts = self._group.all_gather(sent)
         found = self._group.all_gather_rows(torch.cat(lines), counts.sum(1).tolist())
         # Process after process, and view after view of each.
         parts = found.split(counts.flatten().tolist())
-        return [self._unpacked(parts[view :: len(own)], names) for view in range(len(own))]
-
-    @staticmethod
-    def _seen(own: RenderStatistics, names: Sequence[str]) -> Float[Tensor, "m k"]:
-        """A line for each row that a view has seen: its number, and its statistics."""
-        rows = own.visible[0].nonzero()[:, 0]
-        columns = [getattr(own, name)[0].index_select(0, rows).float() for name in names]
-        return torch.stack([rows.int().view(torch.float32), *columns], dim=1)
+        views = [self._unpacked(parts[view :: len(lines)], names) for view in range(len(lines))]
+        ends = list(accumulate(cameras, initial=0))
+        return [RenderStatistics.cat(views[first:end]) for first, end in pairwise(ends)]
 
     def _unpacked(self, lines: Sequence[Tensor], names: Sequence[str]) -> RenderStatistics:
-        """The statistics of all rows, from the lines of each process."""
+        """The statistics of all rows in a view, from the lines of each process."""
         of_all = lines[0].new_zeros(len(names), 1, self.num_rows)
         for rank, found in enumerate(lines):
             first = self.division.rows_of(rank, self.num_rows).start
@@ -335,6 +338,13 @@ def _why_not(parts: TrainingParts) -> str:
     if CameraModel.ORTHOGRAPHIC not in parts.rasterizer.capabilities().camera_models:
         return f"{type(parts.rasterizer).__name__} has no orthographic cameras"
     return ""
+
+
+def _seen(own: RenderStatistics, names: Sequence[str], image: int) -> Float[Tensor, "m k"]:
+    """A line for each row that an image shows: its number, and its statistics."""
+    rows = own.visible[image].nonzero()[:, 0]
+    columns = [getattr(own, name)[image].index_select(0, rows).float() for name in names]
+    return torch.stack([rows.int().view(torch.float32), *columns], dim=1)
 
 
 def _taken(tensors: Sequence[Tensor]) -> Gradients:

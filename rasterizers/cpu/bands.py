@@ -37,13 +37,13 @@ TILE = 16
 
 
 class CpuBands(Bands):
-    """The bands of one image, by the native kernels."""
+    """The bands of some images, by the native kernels."""
 
     def __init__(
         self,
         limit: PairLimit,
         splats: Splats,
-        camera: Cameras,
+        cameras: Cameras,
         settings: RenderSettings,
         pixels: Sequence[range],
     ) -> None:
@@ -51,34 +51,41 @@ class CpuBands(Bands):
 
         Args:
             limit: of tile intersections of a band.
-            splats: have the channels of all splats of the image.
-            camera: one camera.
+            splats: have the channels of all splats of the images.
+            cameras: one per image.
             settings: the settings of the render.
-            pixels: rows of pixels of each band.
+            pixels: rows of pixels of each band of an image.
         """
-        check_cameras("cpu", camera)
-        self._limit, self._like, self._camera, self._settings = limit, splats, camera, settings
+        check_cameras("cpu", cameras)
+        self._limit, self._like, self._cameras, self._settings = limit, splats, cameras, settings
         self._pixels = pixels
         self._band_height = -(-len(pixels[0]) // TILE) * TILE
         self._call = self._call_of(splats, differentiated=torch.is_grad_enabled())
         self.channels = len(self._call.background)
 
     def _call_of(self, splats: Splats, differentiated: bool) -> RenderCall:
-        settings = self._settings
-        statistics = RenderStatistics.zeros(splats.means, 1, settings.statistics)
-        return render_call(splats, self._camera, settings, statistics, self._limit, differentiated)
+        cameras, settings = self._cameras, self._settings
+        statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
+        return render_call(splats, cameras, settings, statistics, self._limit, differentiated)
 
     def project(self, splats: Splats) -> CpuBandedSplats:
-        """Project some splats of the image."""
-        tensors, offsets = flat_inputs(splats, self._camera)
+        """Project some splats into all images."""
+        tensors, offsets = flat_inputs(splats, self._cameras)
         wanted = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in tensors)
         call = self._call_of(splats, wanted)
         arrays: list[Any] = [*tensors[:-1], offsets]
-        inputs = call.inputs(SplatArrays(*arrays), 0).detached()
-        outputs = RowOutputs(call.statistics.visible[0], call.statistics.radii[0])
-        kind = native_class("BandedRows", splats.means.dtype)
-        projected = kind(inputs, call.settings, outputs, self._band_height, num_threads())
-        return CpuBandedSplats(projected, call, tensors)
+        kind, seen = native_class("BandedRows", splats.means.dtype), call.statistics
+        images = [
+            kind(
+                call.inputs(SplatArrays(*arrays), index).detached(),
+                call.settings,
+                RowOutputs(seen.visible[index], seen.radii[index]),
+                self._band_height,
+                num_threads(),
+            )
+            for index in range(len(self._cameras))
+        ]
+        return CpuBandedSplats(images, call, tensors)
 
     def render(self, band: int, rows: Float[Tensor, "m k"]) -> CpuRenderedBand:
         """Render a band.
@@ -86,43 +93,45 @@ class CpuBands(Bands):
         Raises:
             ConfigError: it has more tile intersections than it may have.
         """
-        pixels, weights = self._pixels[band], self._call.pixel_weights
+        image, number = divmod(band, len(self._pixels))
+        pixels, weights = self._pixels[number], self._call.pixel_weights
         inputs = BandInputs(
             rows=rows,
             top=pixels.start,
             background=self._call.background,
-            pixel_weights=None if weights is None else weights[0, pixels.start : pixels.stop],
+            pixel_weights=None if weights is None else weights[image, pixels.start : pixels.stop],
         )
         return CpuRenderedBand(inputs, self._call, len(pixels))
 
     def output(
-        self, image: Float[Tensor, "1 h w d"], alpha: Float[Tensor, "1 h w 1"]
+        self, image: Float[Tensor, "c h w d"], alpha: Float[Tensor, "c h w 1"]
     ) -> RenderOutput:
         """The images of a render, from all bands together."""
-        nowhere = RenderStatistics.zeros(self._like.means, 1, frozenset())
+        nowhere = RenderStatistics.zeros(self._like.means, len(image), frozenset())
         return split_channels(image, alpha, self._like, self._settings, nowhere)
 
 
 class CpuBandedSplats(BandedSplats):
-    """Splats in an image, divided by bands in native memory."""
+    """Splats in some images, divided by bands in native memory."""
 
-    def __init__(self, projected: Any, call: RenderCall, tensors: Sequence[Any]) -> None:  # noqa: ANN401
+    def __init__(self, images: Sequence[Any], call: RenderCall, tensors: Sequence[Any]) -> None:
         """Take the projected splats.
 
         Args:
-            projected: ``BandedRows`` of the native module.
+            images: ``BandedRows`` of the native module, of each image.
             call: the call that they belong to.
             tensors: those that they can be differentiated by.
         """
-        measured = call.statistics
-        self.counts = tuple(projected.counts)
-        channels, like = len(call.background), call.background
-        self.rows = like.new_empty(sum(self.counts), required().SENT_FIELDS + channels)
-        projected.pack(PackedRows(self.rows))
-        self.num_sums = required().SLOT_FIELDS + channels
+        measured, like = call.statistics, call.background
+        self.counts = tuple(count for image in images for count in image.counts)
+        self.rows = like.new_empty(sum(self.counts), required().SENT_FIELDS + len(like))
+        totals = [sum(image.counts) for image in images]
+        for image, rows in zip(images, self.rows.split(totals), strict=True):
+            image.pack(PackedRows(rows))
+        self.num_sums = required().SLOT_FIELDS + len(like)
         self.num_sums += 2 * (measured.absgrad is not None) + (measured.contribution is not None)
         self._call = call
-        self._root = _Project.apply(projected, call, len(self.rows), self.num_sums, *tensors)
+        self._root = _Project.apply(images, call, totals, self.num_sums, *tensors)
 
     def gradient(self, sums: Float[Tensor, "m s"]) -> tuple[Tensor, Tensor]:
         """A tensor that takes the sums as its gradient."""
@@ -139,16 +148,16 @@ class _Project(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Any,  # noqa: ANN401
-        projected: Any,  # noqa: ANN401
+        images: Sequence[Any],
         call: RenderCall,
-        count: int,
+        totals: list[int],
         width: int,
         *tensors: Any,  # noqa: ANN401 - a tensor or None, by position.
     ) -> Tensor:
         ctx.save_for_backward(*tensors)
-        ctx.projected, ctx.call = projected, call
+        ctx.images, ctx.call, ctx.totals = images, call, totals
         # Its values are never read.
-        return call.background.new_zeros(()).expand(count, width)
+        return call.background.new_zeros(()).expand(sum(totals), width)
 
     @staticmethod
     @once_differentiable
@@ -160,17 +169,20 @@ class _Project(torch.autograd.Function):
             torch.empty_like(tensor) if wanted else None
             for tensor, wanted in zip(inputs, rows_wanted, strict=True)
         ]
-        poses = sums.new_zeros(1, POSE_FIELDS) if pose_wanted else None
-        ctx.projected.backward(
-            RowGradients(
-                sums=sums.contiguous(),
-                splats=SplatGradients(*gradients),
-                pose=row_of(poses, 0),
-                screen_gradient=row_of(measured.screen_gradient, 0),
-                absgrad=row_of(measured.absgrad, 0),
-                contribution=row_of(measured.contribution, 0),
+        poses = sums.new_zeros(len(ctx.images), POSE_FIELDS) if pose_wanted else None
+        parts = sums.contiguous().split(ctx.totals)
+        for index, (image, part) in enumerate(zip(ctx.images, parts, strict=True)):
+            image.backward(
+                RowGradients(
+                    sums=part,
+                    splats=SplatGradients(*gradients),
+                    accumulate=index > 0,
+                    pose=row_of(poses, index),
+                    screen_gradient=row_of(measured.screen_gradient, index),
+                    absgrad=row_of(measured.absgrad, index),
+                    contribution=row_of(measured.contribution, index),
+                )
             )
-        )
         by_pose = None if poses is None else pose_gradient(poses, pose)
         return None, None, None, None, *gradients, by_pose
 

@@ -58,11 +58,11 @@ class CpuRasterizer(Rasterizer):
         return dict(self._log)
 
     def bands(
-        self, splats: Splats, camera: Cameras, settings: RenderSettings, pixels: Sequence[range]
+        self, splats: Splats, cameras: Cameras, settings: RenderSettings, pixels: Sequence[range]
     ) -> Bands:
-        """An image of which several processes render bands."""
+        """Images of which several processes render bands."""
         limit = pair_limit(CpuBackend(), self.pairs_mb, splats, settings)
-        return CpuBands(limit, splats, camera, settings, pixels)
+        return CpuBands(limit, splats, cameras, settings, pixels)
 
     def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         if splats.means.device.type != "cpu":

@@ -19,7 +19,7 @@ from gsfw.core.loop.run_folder import read_checkpoint
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.parallel.sharded.division import TILE, Division
 from gsfw.parallel.sharded.team import GaussianParallel
-from gsfw.parallel.sharded.view import View
+from gsfw.parallel.sharded.views import Views
 
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
@@ -126,20 +126,20 @@ def test_the_bytes_of_an_image_are_those_of_the_formula():
         for column in model.columns().values():
             column.assign(column.take(torch.arange(own.start, own.stop)))
         division = Division(SHARDS, size)
-        view = View(group, division, model, fast_rasterizer(), camera, settings, None, rows)
-        view.output.color.sum().backward()
-        view.back()
+        views = Views(group, division, model, fast_rasterizer(), camera, settings, None, rows)
+        views.output.color.sum().backward()
+        views.back()
         bands = range(len(division.bands(side)))
-        there = [sum(shard.banded.counts[band] for shard in view.shards) for band in bands]
-        own_bands = division.bands_of(group.rank, side)
+        there = [sum(shard.banded.counts[band] for shard in views.shards) for band in bands]
+        own_bands = [band for band in bands if division.owner(0, band) == group.rank]
         out = sum(there[band] for band in bands if band not in own_bands)
-        back = sum(sum(band.counts) for band in view.bands) - sum(there[b] for b in own_bands)
-        banded = view.shards[0].banded
+        back = sum(sum(band.counts) for band in views.bands) - sum(there[b] for b in own_bands)
+        banded = views.shards[0].banded
         return group.bytes_sent, out, back, banded.rows.shape[1], banded.num_sums
 
     found = in_threads(size, render)
     # The image is gathered in as many bands as any process has, of four channels.
-    image = 4 * 4 * side * max(len(Division(SHARDS, size).bands_of(r, side)) for r in range(size))
+    image = 4 * 4 * side * -(-len(Division(SHARDS, size).bands(side)) // size)
     image *= Division(SHARDS, size).band_height(side) * (size - 1)
     for sent, out, back, values, sums in found:
         counts = sent - image - 4 * values * out - 4 * sums * back
@@ -171,9 +171,10 @@ def test_every_row_of_pixels_is_in_one_band_of_whole_tiles(height, shards, size)
     assert [row for band in bands for row in band] == list(range(height))
     assert all(band.start % TILE == 0 for band in bands)
     assert len(bands) <= shards
-    assert sorted(b for rank in range(size) for b in division.bands_of(rank, height)) == list(
-        range(len(bands))
-    )
+    owners = [division.owner(image, band) for image in range(3) for band in range(len(bands))]
+    counts = [owners.count(rank) for rank in range(size)]
+    assert sum(counts) == 3 * len(bands)
+    assert max(counts) <= 3 * -(-len(bands) // size)
 
 
 def refusal(tmp_path, change=None, size=1, strategy="none"):
