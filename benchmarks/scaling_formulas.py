@@ -35,8 +35,8 @@ SPLAT_BYTES = 15 * FLOAT
 """A projected splat as it is sent: 11 numbers of its ellipse, colour and depth."""
 RETURNED_BYTES = 9 * FLOAT
 """The sums of a band that come back, from which its gradient follows."""
-SEEN_BYTES = 4 * FLOAT
-"""Statistics of a Gaussian that a view has seen, for every process: its number and three values."""
+SEEN_BYTES = 3 * FLOAT
+"""Statistics of a Gaussian that a view has seen, for every process: its number and two values."""
 EVERY_ROW_BYTES = 32
 """Statistics of every row of the scene in each process: three of a view, and those of refiners."""
 START_BYTES = 735

@@ -72,6 +72,15 @@ class RenderStatistics:
         names = [item.name for item in fields(RenderStatistics)]
         return RenderStatistics(**{name: _joined(parts, name, dim=1) for name in names})
 
+    def split(self, cameras: Sequence[int]) -> list[RenderStatistics]:
+        """The statistics of successive cameras, so many in each part."""
+        names = [item.name for item in fields(self)]
+        parts = {n: v.split(list(cameras)) for n in names if (v := getattr(self, n)) is not None}
+        return [
+            RenderStatistics(**{name: found[place] for name, found in parts.items()})
+            for place in range(len(cameras))
+        ]
+
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
         """The same statistics, or zeros if ``finite`` is false; no synchronisation."""
         if known_by_host(finite):

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -242,31 +241,27 @@ class GaussianParallel(ParallelTeam):
         """
         if self.size == 1:
             return list(own)
-        names = [name for name in STATISTICS if getattr(own[0], name) is not None]
-        cameras = [len(statistics.visible) for statistics in own]
-        lines = [
-            _seen(statistics, names, image)
-            for statistics, count in zip(own, cameras, strict=True)
-            for image in range(count)
-        ]
-        sent = torch.tensor([len(of_view) for of_view in lines], device=lines[0].device)
-        counts = self._group.all_gather(sent)
-        found = self._group.all_gather_rows(torch.cat(lines), counts.sum(1).tolist())
-        # Process after process, and view after view of each.
-        parts = found.split(counts.flatten().tolist())
-        views = [self._unpacked(parts[view :: len(lines)], names) for view in range(len(lines))]
-        ends = list(accumulate(cameras, initial=0))
-        return [RenderStatistics.cat(views[first:end]) for first, end in pairwise(ends)]
-
-    def _unpacked(self, lines: Sequence[Tensor], names: Sequence[str]) -> RenderStatistics:
-        """The statistics of all rows in a view, from the lines of each process."""
-        of_all = lines[0].new_zeros(len(names), 1, self.num_rows)
-        for rank, found in enumerate(lines):
-            first = self.division.rows_of(rank, self.num_rows).start
-            rows = found[:, 0].contiguous().view(torch.int32) + first
-            of_all[:, 0, rows] = found[:, 1:].T
-        values = dict(zip(names, of_all, strict=True))
-        return RenderStatistics(**{**values, "visible": values["visible"].bool()})
+        views = [len(statistics.visible) for statistics in own]
+        joined = RenderStatistics.cat(own)
+        names = [n for n in STATISTICS if n != "visible" and getattr(joined, n) is not None]
+        # Seen rows, view after view, with their numbers among those of this process.
+        view, row = joined.visible.nonzero(as_tuple=True)
+        columns = [getattr(joined, name)[view, row].float() for name in names]
+        lines = torch.stack([row.int().view(torch.float32), *columns], dim=1)
+        counts = self._group.all_gather(view.bincount(minlength=len(joined.visible)))
+        found = self._group.all_gather_rows(lines, counts.sum(1).tolist())
+        starts = torch.arange(sum(views), device=row.device) * self.num_rows
+        firsts = [self.division.rows_of(rank, self.num_rows).start for rank in range(self.size)]
+        offsets = torch.tensor(firsts, device=row.device)[:, None] + starts
+        rows = found[:, 0].contiguous().view(torch.int32).long()
+        rows += offsets.flatten().repeat_interleave(counts.flatten())
+        shape = (sum(views), self.num_rows)
+        visible = torch.zeros(shape, dtype=torch.bool, device=row.device)
+        visible.view(-1).index_fill_(0, rows, True)
+        values = {name: lines.new_zeros(shape) for name in names}
+        for name, column in zip(names, found[:, 1:].T, strict=True):
+            values[name].view(-1).index_copy_(0, rows, column.contiguous())
+        return RenderStatistics(visible=visible, **values).split(views)
 
     def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:
         """The losses of all batches."""
@@ -338,13 +333,6 @@ def _why_not(parts: TrainingParts) -> str:
     if CameraModel.ORTHOGRAPHIC not in parts.rasterizer.capabilities().camera_models:
         return f"{type(parts.rasterizer).__name__} has no orthographic cameras"
     return ""
-
-
-def _seen(own: RenderStatistics, names: Sequence[str], image: int) -> Float[Tensor, "m k"]:
-    """A line for each row that an image shows: its number, and its statistics."""
-    rows = own.visible[image].nonzero()[:, 0]
-    columns = [getattr(own, name)[image].index_select(0, rows).float() for name in names]
-    return torch.stack([rows.int().view(torch.float32), *columns], dim=1)
 
 
 def _taken(tensors: Sequence[Tensor]) -> Gradients:
