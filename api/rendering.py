@@ -4,6 +4,7 @@ For authors of rasterizers, which derive from ``Rasterizer`` and render ``Splats
 under ``RenderSettings``, and of models, whose ``splats`` fill in ``Splats``.
 """
 
+from gsfw.core.bands import BandedSplats, Bands, RenderedBand
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.maths.lens import project_points
 from gsfw.core.maths.rays import pixel_rays
@@ -24,6 +25,8 @@ from gsfw.core.splats import Sh, Splats
 from gsfw.plugins.open_rasterizer import open_rasterizer
 
 __all__ = [
+    "BandedSplats",
+    "Bands",
     "CameraModel",
     "Cameras",
     "Depth",
@@ -32,6 +35,7 @@ __all__ = [
     "RenderOutput",
     "RenderSettings",
     "RenderStatistics",
+    "RenderedBand",
     "Sh",
     "Similarity",
     "Splats",

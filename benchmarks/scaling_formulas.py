@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from gsfw.core.training_memory import (
     BASE_BYTES,
     POINT_BYTES,
+    START_BYTES,
     USUAL_COLUMN_BYTES,
     row_bytes,
 )
@@ -39,9 +40,6 @@ SEEN_BYTES = 3 * FLOAT
 """Statistics of a Gaussian that a view has seen, for every process: its number and two values."""
 EVERY_ROW_BYTES = 32
 """Statistics of every row of the scene in each process: three of a view, and those of refiners."""
-START_BYTES = 735
-"""Memory of a row while the model is made, which every process does with all rows of the start;
-measured with 400,000 (built-in scene)."""
 CHANNELS = 4
 """Channels of a band that is gathered: colour and alpha."""
 MEASURED_ROWS = 3

@@ -19,6 +19,9 @@ COPIES = 8
 and the buffers of a step and of the files at the end."""
 WORK_BYTES = 212
 """Bytes of a Gaussian besides: its projection, and its statistics for density control."""
+START_BYTES = 735
+"""Memory of a Gaussian while a model is built, which each of several processes does for all;
+measured with 400,000 (built-in scene)."""
 POINT_BYTES = 48
 """Memory of a point of the data set, which every process reads: position and colour in float64."""
 PIXEL_BYTES = 400

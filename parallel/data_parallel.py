@@ -73,7 +73,8 @@ class DataParallel(ParallelTeam):
                 self._with_gradient.add(index)
         parts = self._group.exchange(_in_parts(tensors, self.size))
         for part in parts[: self._in_round]:
-            self._sums = part if self._sums is None else self._sums.add_(part)
+            # A copy, or the parts of all processes would stay.
+            self._sums = part.clone() if self._sums is None else self._sums.add_(part)
         optimizer.zero_gradients()
 
     def finish(self, rendered: Sequence[RenderedBatch], optimizer: Optimizer) -> list[Tensor]:

@@ -22,6 +22,7 @@ from gsfw.core.splats import Splats
 from gsfw.core.training_memory import (
     BASE_BYTES,
     PIXEL_BYTES,
+    START_BYTES,
     USUAL_COLUMN_BYTES,
     TrainingMemory,
     decoded_bytes,
@@ -91,8 +92,10 @@ class MemoryFit:
         images = min(decoded_bytes(self.data), usual_cache_mb(self.settings) * MEGABYTE)
         if self.device.type != "cpu":
             return TrainingMemory(0, each, len(self.data.scene.points), 0, images)
-        points, own = len(self.data.scene.points), -(-gaussians // self._shards)
-        return TrainingMemory(own, each, points, views.pixels, images)
+        points = len(self.data.scene.points)
+        # A process makes all Gaussians at the start, and then has its share of them.
+        each = max(each / self._shards, START_BYTES if self._shards > 1 else 0.0)
+        return TrainingMemory(gaussians, each, points, views.pixels, images)
 
     def most_gaussians(self, each: float) -> int:
         """Number of Gaussians that fit, with two digits; ``UNLIMITED`` where nothing limits them.
@@ -103,7 +106,7 @@ class MemoryFit:
         one = self.need(1, each)
         if self.memory is None or not one.gaussians:
             return UNLIMITED
-        most = one.most_gaussians(self.memory.room) * self._shards
+        most = one.most_gaussians(self.memory.room)
         return most - most % 10 ** max(len(str(most)) - 2, 0)
 
     def check_start(self, method: Method, scene: Scene, initial: Splats | None) -> None:
@@ -127,14 +130,15 @@ class MemoryFit:
         if not count:
             self._check(0, row_bytes(USUAL_COLUMN_BYTES))
             return
-        few = torch.linspace(0, count - 1, min(count, SAMPLE)).long()
+        few = torch.arange(min(count, SAMPLE)) * count // min(count, SAMPLE)
         scene, initial = (
             (_with_points(scene, few), None) if initial is None else (scene, initial.take(few))
         )
         seeded = torch.Generator().manual_seed(0)
         model = method.build_model(scene, Operators(), seeded, initial)
-        share = min(model.num_rows / len(few), 1.0)  # A method may use some of the points.
-        self._check(int(count * share), model_row_bytes(model))
+        # A method may use some of the points: then the number is known once the model is built.
+        if model.num_rows == len(few):
+            self._check(count, model_row_bytes(model))
 
     def check_model(self, model: PrimitiveModel) -> None:
         """Check what the model needs that a run starts with.
@@ -162,13 +166,18 @@ class MemoryFit:
         what = f" for {gaussians:,} Gaussians to start with" if need.gaussians else ""
         raise NotEnoughMemoryError(
             f"training needs about {size(need.total)} of memory{what}, and {self.memory}.",
-            self._advice(need, self.memory),
+            self._advice(need, self.memory, self.most_gaussians(each)),
         )
 
-    def _advice(self, need: TrainingMemory, memory: MachineMemory) -> str:
-        """The settings that need less, and the way to train a scene that fits nowhere."""
+    def _advice(self, need: TrainingMemory, memory: MachineMemory, most: int) -> str:
+        """The settings that need less, and the way to train a scene that fits nowhere.
+
+        Args:
+            need: of the run.
+            memory: that is there.
+            most: Gaussians that fit.
+        """
         settings, notable = self.settings.flat(), NOTABLE * need.total
-        most = self.most_gaussians(need.row_bytes)
         many, less = need.gaussians * need.row_bytes > notable, []
         if many and most >= FEWEST:
             less.append(f"fewer Gaussians to start with (init=dense dense_points={most})")

@@ -65,15 +65,15 @@ def add_matches(database: Path, found: bytes) -> None:
         DataError: the database cannot be written.
         OutputError: the disk is nearly full.
     """
-    with _place(database) as folder, _readable("store matches", database):
+    with _place(database, 2 * len(found)) as folder, _readable("store matches", database):
         (folder / "matches.db").write_bytes(found)
         _copy(folder / "matches.db", database, MATCHES)
 
 
 @contextmanager
-def _place(database: Path) -> Iterator[Path]:
-    """A folder beside a database, for as long as it is used."""
-    check_room(database)
+def _place(database: Path, size: int = 0) -> Iterator[Path]:
+    """A folder beside a database, for as long as it is used; ``size`` bytes will be written."""
+    check_room(database, size)
     with TemporaryDirectory(dir=database.parent, prefix="part_") as folder:
         yield Path(folder)
 
@@ -82,7 +82,7 @@ def _place(database: Path) -> Iterator[Path]:
 def _readable(task: str, database: Path) -> Iterator[None]:
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, OSError) as error:
         raise native_failure(task, database, str(error)) from error
 
 

@@ -17,19 +17,20 @@ CHUNK = 1 << 20
 """Bytes that are read at once."""
 
 
-def check_room(path: Path) -> None:
+def check_room(path: Path, size: int = 0) -> None:
     """Check that a database can grow.
 
     Args:
         path: of its file, in a folder that exists.
+        size: bytes that are written to it for certain.
 
     Raises:
         OutputError: the disk is full, or nearly so.
     """
     free = shutil.disk_usage(path.parent).free
-    if free < ROOM:
+    if free < ROOM + size:
         raise OutputError(
-            f"the disk is nearly full: {path} may need {ROOM // 1_000_000} MB more, and "
+            f"the disk is nearly full: {path} may need {(ROOM + size) // 1_000_000} MB more, and "
             f"{free // 1_000_000} MB are free.",
             "Free some space, and the same command goes on; or choose another place with out=DIR.",
         )

@@ -170,7 +170,7 @@ def _match_part(
     """Match the pairs of a job on its machine; their number, and a database of the matches."""
     with TemporaryDirectory(prefix="gsfw-matches-") as folder:
         database = Path(folder) / "part.db"
-        check_room(database)
+        check_room(database, 2 * len(features))
         database.write_bytes(features)
         with readable_native_errors("match features", database):
             _match(database, pairs, jobs, guided)

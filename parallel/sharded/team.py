@@ -208,9 +208,15 @@ class GaussianParallel(ParallelTeam):
         if terms:
             roots.append(torch.stack(terms).sum())
             gradients.append(roots[-1].new_tensor(share))
-        torch.autograd.backward(roots, gradients)
+        # Poses that are refined are part of the graphs of all shards.
+        last = place + 1 == len(self.division.shards_of(self.rank))
+        torch.autograd.backward(roots, gradients, retain_graph=not last and self._poses_learned)
         for view in self._open:
             view.shards[place].window.add_gradients()
+
+    @property
+    def _poses_learned(self) -> bool:
+        return any(views.learns_poses for views in self._open)
 
     def _add_up(
         self,

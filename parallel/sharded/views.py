@@ -23,6 +23,7 @@ from torch import Tensor
 
 from gsfw.core.bands import BandedSplats, Bands, RenderedBand
 from gsfw.core.cameras import Cameras
+from gsfw.core.errors import ConfigError, TrainingError
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderStatistics
@@ -102,6 +103,11 @@ class Views:
         self._whole = self._gathered()
         self.output = self._images.output(*self._whole)
 
+    @property
+    def learns_poses(self) -> bool:
+        """True if the poses of the cameras take gradients."""
+        return self._cameras.world_to_camera.requires_grad
+
     # Forward.
 
     def _evaluated(
@@ -149,7 +155,13 @@ class Views:
 
     def _band(self, number: int, received: Sequence[Tensor]) -> Band:
         rows = received[0] if len(received) == 1 else torch.cat(list(received))
-        return Band(number, tuple(map(len, received)), self._images.render(number, rows))
+        try:
+            rendered = self._images.render(number, rows)
+        except ConfigError as error:  # Other processes do not find it in their bands.
+            raise TrainingError(
+                f"band {number} of the step: {error.message}", error.advice
+            ) from error
+        return Band(number, tuple(map(len, received)), rendered)
 
     def _gathered(self) -> tuple[Tensor, Tensor]:
         """All channels and alpha of whole images, in every process; they take gradients."""

@@ -3,6 +3,8 @@
 Threads stand for processes here; tests/parallel/test_processes.py has real ones.
 """
 
+from dataclasses import replace
+
 import pytest
 import torch
 from hypothesis import given
@@ -14,7 +16,7 @@ from support.scenes import front_camera
 from support.states import assert_same_bits
 from support.thread_group import in_threads
 
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, TrainingError
 from gsfw.core.loop.run_folder import read_checkpoint
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.parallel.sharded.division import TILE, Division
@@ -202,3 +204,40 @@ def test_more_processes_than_shards_are_refused(tmp_path):
 
 def test_a_strategy_that_watches_the_backward_pass_is_refused(tmp_path):
     assert "watches the backward pass" in refusal(tmp_path, strategy="error")
+
+
+def test_a_band_with_too_many_pairs_is_named_with_its_cause():
+    rasterizer = fast_rasterizer()
+    rasterizer.pairs_mb = 1e-4
+
+    def render(group):
+        model, camera, settings = gaussians(240), front_camera(64, 64), RenderSettings()
+        with pytest.raises(TrainingError, match=r"^band 0 of the step: .*pairs_mb=0.0001"):
+            Views(group, Division(SHARDS, 1), model, rasterizer, camera, settings, None, 240)
+
+    in_threads(1, render)
+
+
+def test_refined_poses_get_gradients_of_all_shards_of_a_process():
+    camera = front_camera(64, 64)
+    pose = camera.world_to_camera.clone().requires_grad_()
+    camera = replace(camera, world_to_camera=pose * 1.0)
+    model, whole = gaussians(240), fast_rasterizer()
+    (expected,) = torch.autograd.grad(
+        whole.render(model.splats(None, camera), camera).color.square().sum(),
+        pose,
+        retain_graph=True,
+    )
+
+    def back(group):
+        team = GaussianParallel(group, SHARDS)
+        team.num_rows = 240
+        rendering = team.render(model, whole, camera, RenderSettings(), None)
+        rendering.output.color.square().sum().backward()
+        (views,) = team._open
+        views.back()
+        for place in range(SHARDS):
+            team._shard_backward(place, [], 1.0)
+
+    in_threads(1, back)
+    torch.testing.assert_close(pose.grad, expected, rtol=1e-4, atol=1e-4)

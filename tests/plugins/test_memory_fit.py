@@ -8,6 +8,7 @@ from support.street import write_street
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.growth_limit import UNLIMITED
 from gsfw.core.machine_memory import MachineMemory
+from gsfw.core.training_memory import START_BYTES
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.planning.costs import memory_note
 from gsfw.plugins import memory_fit
@@ -153,8 +154,9 @@ def fit_of(*words: str, device: str = "cpu") -> MemoryFit:
     return MemoryFit(found, open_data(found), torch.device(device))
 
 
-def test_shards_are_in_a_process_each():
-    assert fit_of("processes=4", "shards=4").need(1001, 2100.0).gaussians == 251
+def test_shards_are_in_a_process_each_that_makes_all_gaussians_at_the_start():
+    assert fit_of("processes=2", "shards=4").need(1001, 2100.0).row_bytes == 1050
+    assert fit_of("processes=4", "shards=4").need(1001, 2100.0).row_bytes == START_BYTES
     assert fit_of("processes=4").need(1001, 2100.0).gaussians == 1001
 
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <stdexcept>
+#include <utility>
 
 #include "pool.h"
 
@@ -90,6 +92,7 @@ void BandedRows<T>::for_each_sent(const F& f) const {
 
 template <typename T>
 void BandedRows<T>::pack(T* to) {
+  if (!project_.holds()) throw std::logic_error("the projected splats were packed before");
   const ProjectedSplats<T> splats = project_.projected();
   const int fields = SPLAT_CHANNELS + channels_;
   for_each_sent([&](int64_t row, uint32_t, int64_t place) {
@@ -153,7 +156,9 @@ ProjectedSplats<T> Band<T>::unpack(const T* rows, int64_t count, int top) {
 template <typename T>
 void Band<T>::backward(const BlendGradients<T>& gradients, T* sums) {
   const typename BlendPass<T>::Slots found = blend_.backward(gradients);
-  const auto& [starts, slots, stride] = found.sums;
+  const uint32_t* starts = found.sums.starts;
+  const T* slots = found.sums.slots;
+  const int stride = found.sums.stride;
   const int64_t count = blend_.num_splats();
   parallel_pieces(count, ROWS_PER_TASK, threads_, [&](int64_t begin, int64_t end, int) {
     for (int64_t row = begin; row < end; ++row) {

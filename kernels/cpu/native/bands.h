@@ -28,14 +28,15 @@ class BandedRows {
   const std::vector<int64_t>& counts() const { return counts_; }
 
   /// Write the splats [sum of counts, sent_fields], band after band, each in the order of rows;
-  /// once, because the projected splats are given back.
+  /// once, because the projected splats are given back. Throws std::logic_error the second time.
   void pack(T* to);
 
   /// Go back from the sums of bands [sum of counts, stride], in the order of ``pack``.
   /// ``contribution`` [n], null where not wanted, is the sum of their last column.
   void backward(const T* sums, int stride, const ProjectGradients<T>& gradients, T* contribution);
 
-  StageTimes times() const { return project_.times(); }
+  /// Free the memory that is kept from image to image.
+  static void release_memory() { Recycler<SlotMemory>::instance().clear(); }
 
  private:
   struct SlotMemory {
@@ -71,7 +72,8 @@ class Band {
   /// Write the sums [count, SLOT_CHANNELS + channels, and 2 if absolute] of each splat.
   void backward(const BlendGradients<T>& gradients, T* sums);
 
-  const StageTimes& times() const { return blend_.times(); }
+  /// Free the memory that is kept from image to image.
+  static void release_memory() { Recycler<RowMemory>::instance().clear(); }
 
  private:
   struct RowMemory {

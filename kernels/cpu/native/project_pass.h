@@ -58,6 +58,9 @@ class ProjectPass {
   /// The visibility of each row, which is kept.
   const uint8_t* visible() const { return job_.visible; }
 
+  /// Whether the projected splats are still there.
+  bool holds() const { return projected_ != nullptr; }
+
   /// Give the memory of the projected splats back; the backward pass does not read them.
   void release() { projected_.reset(); }
 

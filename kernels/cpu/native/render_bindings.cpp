@@ -92,8 +92,6 @@ class RowsHandle {
     rows_->backward(sums, static_cast<int>(stride), rows, contribution);
   }
 
-  nb::dict times() const { return times_of(rows_->times()); }
-
  private:
   int64_t total() const {
     int64_t sum = 0;
@@ -106,13 +104,15 @@ class RowsHandle {
   std::unique_ptr<BandedRows<T>> rows_;
 };
 
-/// One band of an image, with a hold on the arrays it was blended from.
+/// One band of an image, with a hold on the arrays that its backward pass reads.
 template <typename T>
 class BandHandle {
  public:
   BandHandle(const nb::object& inputs, const nb::object& settings, const nb::object& outputs,
              int threads)
-      : inputs_(inputs), arguments_{} {
+      : background_(inputs.attr("background")),
+        pixel_weights_(inputs.attr("pixel_weights")),
+        arguments_{} {
     nb::ndarray<> found;
     const T* rows = array<const T>(inputs, "rows", {ANY, ANY}, &found);
     count_ = static_cast<int64_t>(found.shape(0));
@@ -145,10 +145,8 @@ class BandHandle {
     band_->backward(pixels, sums);
   }
 
-  nb::dict times() const { return times_of(band_->times()); }
-
  private:
-  nb::object inputs_;
+  nb::object background_, pixel_weights_;
   BlendArguments<T> arguments_;
   int64_t count_ = 0;
   std::unique_ptr<Band<T>> band_;
@@ -170,14 +168,12 @@ void bind_handles(nb::module_& module, const std::string& type) {
            nb::arg("threads"))
       .def("pack", &RowsHandle<T>::pack, nb::arg("outputs"))
       .def("backward", &RowsHandle<T>::backward, nb::arg("gradients"))
-      .def("times", &RowsHandle<T>::times)
       .def_prop_ro("counts", &RowsHandle<T>::counts);
   nb::class_<BandHandle<T>>(module, ("Band" + type).c_str(),
                             "One band of an image, and its backward pass.")
       .def(nb::init<const nb::object&, const nb::object&, const nb::object&, int>(),
            nb::arg("inputs"), nb::arg("settings"), nb::arg("outputs"), nb::arg("threads"))
-      .def("backward", &BandHandle<T>::backward, nb::arg("gradients"))
-      .def("times", &BandHandle<T>::times);
+      .def("backward", &BandHandle<T>::backward, nb::arg("gradients"));
 }
 
 }  // namespace

@@ -2,6 +2,8 @@
 
 #include <cstring>
 
+#include "bands.h"
+
 namespace gsfw {
 
 template <typename T>
@@ -36,6 +38,10 @@ void release_render_memory() {
   ProjectPass<double>::release_memory();
   BlendPass<float>::release_memory();
   BlendPass<double>::release_memory();
+  BandedRows<float>::release_memory();
+  BandedRows<double>::release_memory();
+  Band<float>::release_memory();
+  Band<double>::release_memory();
 }
 
 }  // namespace gsfw
