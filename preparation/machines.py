@@ -57,6 +57,8 @@ class Machines:
         Raises:
             UnavailableError: no machine has the resources of a job.
         """
+        if not items:
+            return
         places = self.executor.places(self.resources)
         rounds = math.ceil(len(items) / (most * self.threads * places))
         size = max(1, math.ceil(len(items) / max(1, rounds * places)))

@@ -1,7 +1,7 @@
 """Gaussian parallel: processes share the rows of a model, and the bands of every image.
 
 Zhao et al. 2024 (On Scaling Up 3D Gaussian Splatting Training, Grendel-GS) divide rows, exchange
-projected Gaussians, and divide images. Every process renders its part of every view (``view``) and
+projected Gaussians, and divide images. Every process renders its part of every view (``views``) and
 then has the whole image: losses, decoders and decisions are computed by all alike, so that methods
 and strategies need no change. A process has the rows, gradients and moments of its shards alone.
 """

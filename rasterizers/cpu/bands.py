@@ -60,7 +60,8 @@ class CpuBands(Bands):
         self._limit, self._like, self._cameras, self._settings = limit, splats, cameras, settings
         self._pixels = pixels
         self._band_height = -(-len(pixels[0]) // TILE) * TILE
-        self._call = self._call_of(splats, differentiated=torch.is_grad_enabled())
+        # Of no rows: bands need its settings, and to know which statistics are wanted.
+        self._call = self._call_of(splats.take(torch.arange(0)), torch.is_grad_enabled())
         self.channels = len(self._call.background)
 
     def _call_of(self, splats: Splats, differentiated: bool) -> RenderCall:
