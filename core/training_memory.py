@@ -58,7 +58,7 @@ class TrainingMemory:
 
     gaussians: int
     row_bytes: float
-    """Of a Gaussian."""
+    """Bytes of a Gaussian."""
     points: int
     """Points of the data set."""
     pixels: int
