@@ -10,8 +10,6 @@
 namespace gsfw {
 namespace {
 
-int padded(int64_t numbers) { return static_cast<int>((numbers + 15) / 16 * 16); }
-
 Grid grid_of(int width, int height) {
   return {width, height, (width + TILE - 1) / TILE, (height + TILE - 1) / TILE};
 }
@@ -201,7 +199,7 @@ void BlendPass<T>::blend(Passing& memory, const BlendOutputs<T>& outputs) {
   job.image = outputs.image;
   job.alpha = outputs.alpha;
   if (outputs.contribution) job.contribution = memory->slots.reserve(pairs_);
-  const int64_t size = padded(kernels_.scratch(splats_.stride, arguments_.channels));
+  const int64_t size = whole_packs(kernels_.scratch(splats_.stride, arguments_.channels));
   T* scratch = memory->scratch.reserve(size * arguments_.threads);
   for_each_tile([&](int tile, int worker) { kernels_.blend(job, tile, scratch + worker * size); });
   if (outputs.contribution) sum_contributions(job.contribution, outputs.contribution);
@@ -227,7 +225,7 @@ typename BlendPass<T>::Slots BlendPass<T>::backward(const BlendGradients<T>& gra
   const int stride = SLOT_CHANNELS + arguments_.channels + (gradients.absolute ? 2 : 0);
   // A row of slots is read in whole packs.
   T* slots = memory->slots.reserve(pairs_ * stride + 16);
-  const int64_t size = padded(kernels_.scratch(splats_.stride, arguments_.channels));
+  const int64_t size = whole_packs(kernels_.scratch(splats_.stride, arguments_.channels));
   T* scratch = memory->scratch.reserve(size * arguments_.threads);
   const BlendBackwardJob<T> job = {blend_job(), gradients.image, gradients.alpha,
                                    slots,       stride,          gradients.absolute};

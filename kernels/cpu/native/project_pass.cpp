@@ -3,13 +3,6 @@
 #include "pool.h"
 
 namespace gsfw {
-namespace {
-
-int padded(int numbers) { return (numbers + 15) / 16 * 16; }
-
-}  // namespace
-
-int projected_stride(int channels) { return padded(SPLAT_CHANNELS + channels); }
 
 template <typename T>
 ProjectPass<T>::ProjectPass(const ViewParameters<T>& view, const SplatArrays<T>& splats,
@@ -43,7 +36,7 @@ void ProjectPass<T>::backward(const SlotSums<T>& sums, const ProjectGradients<T>
   const auto memory = Recycler<BackwardMemory>::instance().take();
   const int64_t count = job_.splats.count;
   const int64_t tasks = (count + ROWS_PER_TASK - 1) / ROWS_PER_TASK;
-  const int64_t size = int64_t(padded(sums.stride)) * 16;
+  const int64_t size = whole_packs(sums.stride) * 16;
   T* summed = memory->sums.reserve(size * threads_);
   T* pose = gradients.pose ? memory->pose.reserve(tasks * POSE_FIELDS) : nullptr;
   const ProjectBackwardJob<T> job = {job_,

@@ -43,8 +43,13 @@ int channels_of(const SplatArrays<T>& splats) {
   return splats.color_channels + splats.extras + splats.depth_channels;
 }
 
-/// Numbers of T in a row of projected splats: whole packs.
-int projected_stride(int channels);
+/// So many numbers, rounded up to whole packs.
+constexpr int64_t whole_packs(int64_t numbers) { return (numbers + 15) / 16 * 16; }
+
+/// Numbers of T in a row of projected splats.
+constexpr int projected_stride(int channels) {
+  return static_cast<int>(whole_packs(SPLAT_CHANNELS + channels));
+}
 
 template <typename T>
 class ProjectPass {
