@@ -140,21 +140,25 @@ class Page:
         self._mouse("mouseReleased", x, y, button="left", clickCount=1)
 
     def click_text(self, text: str, selector: str = "button, a, label, [role], summary") -> None:
-        """Click the smallest visible element that has exactly this text, once it stands still."""
-        self.click(
-            self._at_rest(
-                f"""(() => {{
+        """Click the smallest visible element that has exactly this text, once it stands still.
+
+        A click that misses, because the page moved the element meanwhile, is repeated.
+        """
+        place = f"""(() => {{
               const found = [...document.querySelectorAll({json.dumps(selector)})].filter(
                 (item) => item.innerText?.trim() === {json.dumps(text)}
                   && item.getClientRects().length);
               if (!found.length) return null;
               found.sort((a, b) => a.innerHTML.length - b.innerHTML.length);
               found[0].scrollIntoView({{block: "nearest"}});
+              window.hit = false;
+              found[0].addEventListener("click", () => {{ window.hit = true; }}, true);
               const box = found[0].getBoundingClientRect();
               return [box.x + box.width / 2, box.y + box.height / 2];
             }})()"""
-            )
-        )
+        self.click(self._at_rest(place))
+        while not self.evaluate("window.hit"):
+            self.click(self._at_rest(place))
 
     def _at_rest(self, place: str) -> tuple[float, float]:
         """The place that a JavaScript expression gives, when it has been the same for a while.

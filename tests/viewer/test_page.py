@@ -315,7 +315,7 @@ def test_pause_stops_the_counter_of_steps_and_resume_starts_it(browser, training
     page.screenshot(Path(SHOTS) / "training.png" if SHOTS else None)
     page.click_text("Checkpoint")
     wait_for_file(run / "checkpoints" / f"step_{held:09d}.pt")
-    page.wait_for("document.body.innerText.includes('last checkpoint')")  # It moves the button.
+    page.wait_for("document.body.innerText.includes('last checkpoint')")
     assert step_of(page) == held
     page.click_text("Export as PLY")
     wait_for_file(run / "exports" / f"step_{held:06d}.ply")

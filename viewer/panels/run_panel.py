@@ -34,21 +34,24 @@ class RunPanel(Panel):
         """Build the panel inside the current container of the page."""
         self._page, self._live = page, page.session.live
         self._gui = page.client.gui
-        self._figures = self._gui.add_html("")
         self._points, self._evaluations = -1, 0
+        # Buttons come first: rows of figures appear as the run goes on, and would move them.
         if self._live is not None:
-            self._add_live(self._live)
-        else:
-            self._figures.content = figures_html(_finished(page))
+            self._add_controls(self._live)
         self._export = self._gui.add_button(
             "Export as PLY",
             icon=Icon.FILE_EXPORT,
             hint="the Gaussians at this time, for other tools",
         )
         self._export.on_click(lambda _: self._order_export())
+        self._figures = self._gui.add_html("")
+        if self._live is not None:
+            self._add_charts()
+        else:
+            self._figures.content = figures_html(_finished(page))
         self.update()
 
-    def _add_live(self, live: LiveRun) -> None:
+    def _add_controls(self, live: LiveRun) -> None:
         self._bar = self._gui.add_progress_bar(0.0)
         self._pause = self._gui.add_button("Pause", icon=Icon.PLAYER_PAUSE)
         self._save = self._gui.add_button("Checkpoint", icon=Icon.DEVICE_FLOPPY, color="gray")
@@ -56,6 +59,8 @@ class RunPanel(Panel):
         self._pause.on_click(lambda _: live.pause(not live.paused))
         self._save.on_click(lambda _: live.checkpoint())
         self._stop.on_click(lambda _: self._confirm_stop(live))
+
+    def _add_charts(self) -> None:
         self._psnr = self._chart("PSNR of training views, dB", [("PSNR", COLORS["psnr"])])
         self._held_out = self._chart("PSNR of held-out views, dB", [("PSNR", COLORS["held out"])])
         self._held_out.visible = False
