@@ -28,8 +28,9 @@ from gsfw.core.cores import cores
 from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
 from gsfw.parallel.environment import patience, rank, world
-from gsfw.parallel.group import Group, losses_named
+from gsfw.parallel.group import losses_named
 from gsfw.parallel.sharded.team import GaussianParallel
+from gsfw.parallel.shared_memory import group_on
 
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")
@@ -62,7 +63,7 @@ def connected(device: torch.device, shards: int = 0) -> Iterator[Team]:
     with losses_named():
         dist.init_process_group(backend, timeout=timedelta(minutes=patience()), **options)
     try:
-        group = Group(device)
+        group = group_on(device)
         yield GaussianParallel(group, shards) if shards else DataParallel(group)
     finally:
         dist.destroy_process_group()

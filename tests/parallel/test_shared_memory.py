@@ -1,0 +1,86 @@
+"""Exchange by shared memory: real processes get what they get through sockets."""
+
+import os
+import socket
+
+import pytest
+import torch
+import torch.distributed as dist
+import torch.multiprocessing as mp
+
+from gsfw.parallel import shared_memory
+from gsfw.parallel.group import Group
+from gsfw.parallel.shared_memory import SharedMemoryGroup, group_on
+
+SIZE = 3
+CPU = torch.device("cpu")
+
+
+def in_processes(work, *arguments) -> None:
+    """Run ``work(rank, ...)`` in connected processes; what fails in one of them fails here."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    mp.spawn(_connected, args=(port, work, arguments), nprocs=SIZE)
+
+
+def _connected(rank, port, work, arguments) -> None:
+    os.environ |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port)}
+    torch.set_num_threads(1)
+    dist.init_process_group("gloo", rank=rank, world_size=SIZE)
+    work(rank, *arguments)
+    dist.barrier()
+    dist.destroy_process_group()
+
+
+def _all_operations(rank) -> None:
+    shared_memory.CHUNK, shared_memory.LEAST = 1000, 64  # Messages of some chunks, and of none.
+    fast, plain = group_on(CPU), Group(CPU)
+    assert isinstance(fast, SharedMemoryGroup)
+    for seed in range(12):
+        both = torch.Generator().manual_seed(seed)
+        table = torch.randint(0, 90, (SIZE, SIZE), generator=both)
+        table[table < 30] = 0
+        width = int(torch.randint(1, 9, (), generator=both))
+        own = torch.Generator().manual_seed(100 * seed + rank)
+        sent, received = table[rank].tolist(), table[:, rank].tolist()
+        rows = torch.randn(sum(sent), width, generator=own)
+        for found, wanted in zip(
+            fast.exchange_rows(rows, sent, received),
+            plain.exchange_rows(rows, sent, received),
+            strict=True,
+        ):
+            assert torch.equal(found, wanted)
+        values = torch.randint(0, 2, (SIZE, 40 * seed), generator=own)
+        for dtype in (torch.bool, torch.float64, torch.int32):
+            typed = values.to(dtype)
+            assert torch.equal(fast.exchange(typed), plain.exchange(typed))
+            turned = typed.T  # Not contiguous.
+            assert torch.equal(fast.all_gather(turned), plain.all_gather(turned))
+    assert fast.bytes_sent == plain.bytes_sent > 0
+
+
+def test_all_operations_return_what_sockets_return():
+    in_processes(_all_operations)
+
+
+def _one_without_memory(rank) -> None:
+    if rank == 1:
+        shared_memory._opened = lambda size: None
+    group = group_on(CPU)
+    assert type(group) is Group
+    values = torch.full((100_000,), rank)
+    assert group.all_gather(values)[:, 0].tolist() == [0, 1, 2]
+
+
+def _one_with_another_token(rank) -> None:
+    if rank == 2:  # The number of a file of another container's process.
+        opened = shared_memory._box_of
+        shared_memory._box_of = lambda pid, number: torch.zeros_like(opened(pid, number))
+    assert type(group_on(CPU)) is Group
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("work", [_one_without_memory, _one_with_another_token])
+def test_processes_without_common_memory_use_sockets(work):
+    in_processes(work)
