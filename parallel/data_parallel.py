@@ -135,7 +135,8 @@ class DataParallel(ParallelTeam):
                     for context, found in zip(contexts, images, strict=False)
                     if found is not None
                 ]
-            found = self._group.all_gather(self._by_row(own, contexts[0].num_rows))
+            rows = contexts[0].num_rows if refiners.observes else 0
+            found = self._group.all_gather(self._by_row(own, rows))
             for place, context in enumerate(contexts):
                 loss = self._data_losses[first + place]
                 if place == self.rank and own is not None:
@@ -144,9 +145,9 @@ class DataParallel(ParallelTeam):
                     yield Observation(context, self._statistics(found[place]), loss)
 
     def _by_row(self, own: RenderedBatch | None, num_rows: int) -> Float[Tensor, "k n"]:
-        """The statistics of the view of this process, of every row of the model."""
+        """The statistics of the view of this process, of ``num_rows`` rows: all, or none."""
         values = torch.zeros(len(self._measured), num_rows, device=self._group.device)
-        if own is None:
+        if own is None or not num_rows:
             return values
         rows = own.context.splats.rows
         for place, name in enumerate(self._measured):

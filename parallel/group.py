@@ -14,6 +14,8 @@ from torch import Tensor
 from gsfw.parallel.environment import LostProcessError
 
 Value = TypeVar("Value")
+Pieces = Sequence[Tensor]
+"""Contiguous tensors of one type, which are sent one after another."""
 
 
 class Group:
@@ -38,24 +40,24 @@ class Group:
         """
         if self.size == 1:
             return values
-        self.bytes_sent += values.nbytes * (self.size - 1) // self.size
-        return self._exchanged(values)
+        found = torch.empty_like(values, memory_format=torch.contiguous_format)
+        parts = values.contiguous()
+        self.exchange_into([[part] for part in parts], [[room] for room in found])
+        return found
 
-    def exchange_rows(
-        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
-    ) -> list[Tensor]:
-        """Send rows to every process; return those from each, in order of rank.
+    def exchange_into(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
+        """Send tensors of one type to each process, into the rooms of it for those from this one.
 
         Args:
-            rows: [m, k]: those for the first process, then those for the next one, and so on.
-            sent: number of rows for each process.
-            received: number of rows that each process sends to this one.
+            sent: contiguous tensors for each process.
+            rooms: contiguous tensors for what each process sends here, as large in all.
         """
-        if self.size == 1:
-            return [rows]
-        width = rows.nbytes // max(len(rows), 1)
-        self.bytes_sent += (sum(sent) - sent[self.rank]) * width
-        return self._exchanged_rows(rows, sent, received)
+        _copy(sent[self.rank], rooms[self.rank])
+        if self.size > 1:
+            others = [() if rank == self.rank else part for rank, part in enumerate(sent)]
+            self.bytes_sent += sum(map(num_bytes, others))
+            free = [() if rank == self.rank else part for rank, part in enumerate(rooms)]
+            self._exchange(others, free)
 
     def all_gather_rows(self, values: Tensor, counts: Sequence[int]) -> Tensor:
         """Rows of all processes, one after another in order of rank; every process has its number.
@@ -66,38 +68,49 @@ class Group:
         """
         if self.size == 1:
             return values
-        longest = max(counts)
-        padded = values.new_zeros(longest, *values.shape[1:])
-        padded[: len(values)] = values
-        found = self.all_gather(padded)
-        return torch.cat([part[:count] for part, count in zip(found, counts, strict=True)])
+        found = values.new_empty(sum(counts), *values.shape[1:])
+        self.share_into([values.contiguous()], [[room] for room in found.split(list(counts))])
+        return found
 
     def all_gather(self, values: Tensor) -> Tensor:
         """The tensors of all processes, which have one shape, stacked in order of rank."""
         if self.size == 1:
             return values[None]
-        self.bytes_sent += values.nbytes * (self.size - 1)
-        return self._all_gathered(values.contiguous())
+        found = values.new_empty(self.size, *values.shape)
+        self.share_into([values.contiguous()], [[room] for room in found])
+        return found
 
-    def _exchanged(self, values: Tensor) -> Tensor:
-        received = torch.empty_like(values)
-        with losses_named():
-            dist.all_to_all_single(received, values)
-        return received
+    def share_into(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
+        """Send the same tensors to all processes, into their rooms for those from this one.
 
-    def _exchanged_rows(
-        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
-    ) -> list[Tensor]:
-        found = rows.new_empty(sum(received), *rows.shape[1:])
-        with losses_named():
-            dist.all_to_all_single(found, rows.contiguous(), list(received), list(sent))
-        return list(found.split(list(received)))
+        Args:
+            sent: contiguous tensors of one type.
+            rooms: contiguous tensors for what each process sends, as large in all.
+        """
+        _copy(sent, rooms[self.rank])
+        if self.size > 1:
+            self.bytes_sent += num_bytes(sent) * (self.size - 1)
+            self._share(sent, rooms)
 
-    def _all_gathered(self, values: Tensor) -> Tensor:
-        received = values.new_empty(self.size, *values.shape)
+    def _exchange(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
+        """Exchange tensors with the others; this process has none for itself."""
+        values = _joined([piece for pieces in sent for piece in pieces], rooms)
+        counts = [_count(pieces) for pieces in rooms]
+        found = values.new_empty(sum(counts))
         with losses_named():
-            dist.all_gather(list(received.unbind(0)), values)
-        return received
+            dist.all_to_all_single(found, values, counts, [_count(pieces) for pieces in sent])
+        _fill([room for pieces in rooms for room in pieces], found)
+
+    def _share(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
+        """Send tensors to the others; the rooms of this process have them."""
+        longest = max(_count(pieces) for pieces in rooms)
+        values = torch.nn.functional.pad(_joined(sent, rooms), (0, longest - _count(sent)))
+        found = values.new_empty(self.size, longest)
+        with losses_named():
+            dist.all_gather(list(found.unbind(0)), values)
+        for rank, pieces in enumerate(rooms):
+            if rank != self.rank:
+                _fill(pieces, found[rank])
 
     def gathered(self, value: Value) -> list[Value]:
         """The values of all processes in order of rank, as pickled objects."""
@@ -105,6 +118,38 @@ class Group:
         with losses_named():
             dist.all_gather_object(found, value)
         return found  # type: ignore[return-value]
+
+
+def _count(pieces: Pieces) -> int:
+    return sum(piece.numel() for piece in pieces)
+
+
+def num_bytes(pieces: Pieces) -> int:
+    """Bytes of some tensors."""
+    return sum(piece.nbytes for piece in pieces)
+
+
+def _joined(pieces: Pieces, rooms: Sequence[Pieces]) -> Tensor:
+    """The values of tensors one after another; of the type of the rooms if there are none."""
+    like = next(piece for part in (pieces, *rooms) for piece in part)
+    return torch.cat([like.new_empty(0), *(piece.flatten() for piece in pieces)])
+
+
+def _copy(pieces: Pieces, rooms: Pieces) -> None:
+    """Copy the values of tensors into others, which may be divided in another way."""
+    if len(pieces) != len(rooms):
+        _fill(rooms, torch.cat([piece.flatten() for piece in pieces]))
+        return
+    for piece, room in zip(pieces, rooms, strict=True):
+        room.copy_(piece)
+
+
+def _fill(rooms: Pieces, values: Tensor) -> None:
+    """Divide values among tensors."""
+    start = 0
+    for room in rooms:
+        room.copy_(values[start : start + room.numel()].view_as(room))
+        start += room.numel()
 
 
 @contextmanager

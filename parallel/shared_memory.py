@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import accumulate, pairwise
 
 import torch
@@ -19,7 +19,7 @@ import torch.distributed as dist
 from jaxtyping import UInt8
 from torch import Tensor
 
-from gsfw.parallel.group import Group, losses_named
+from gsfw.parallel.group import Group, Pieces, losses_named, num_bytes
 
 CHUNK = 16 << 20
 """Bytes of a half of a box. To meet takes as long as to copy some of them; pages that no message
@@ -47,62 +47,63 @@ class SharedMemoryGroup(Group):
         """Exchange by ``boxes``, one of each process, which all processes have mapped."""
         super().__init__(device)
         self._boxes = [_Box(box, self.size) for box in boxes]
-        self._round = 0
+        self._turn = 0
 
-    def _exchanged(self, values: Tensor) -> Tensor:
-        if values.nbytes < LEAST:
-            return super()._exchanged(values)
-        found = torch.empty_like(values, memory_format=torch.contiguous_format)
-        width = values.nbytes // self.size
-        found[self.rank] = values[self.rank]
-        self._deliver(_bytes(values), _ranges([width] * self.size), found.unbind(0))
-        return found
+    def _exchange(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
+        ends = accumulate((num_bytes(pieces) for pieces in sent), initial=0)
+        ranges = list(pairwise(ends))
+        self._deliver([piece for pieces in sent for piece in pieces], ranges, rooms)
 
-    def _exchanged_rows(
-        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
-    ) -> list[Tensor]:
-        width = rows[:1].nbytes
-        found = [rows.new_empty(count, *rows.shape[1:]) for count in received]
-        found[self.rank] = rows.split(list(sent))[self.rank]
-        self._deliver(_bytes(rows), _ranges([count * width for count in sent]), found)
-        return found
-
-    def _all_gathered(self, values: Tensor) -> Tensor:
-        if values.nbytes < LEAST:
-            return super()._all_gathered(values)
-        found = values.new_empty(self.size, *values.shape)
-        found[self.rank] = values
-        ranges = [(0, 0 if rank == self.rank else values.nbytes) for rank in range(self.size)]
-        self._deliver(_bytes(values), ranges, found.unbind(0))
-        return found
+    def _share(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
+        if sum(map(num_bytes, rooms)) < LEAST * self.size:
+            super()._share(sent, rooms)
+            return
+        self._deliver(sent, [(0, num_bytes(sent))] * self.size, rooms)
 
     def _deliver(
-        self, sent: Bytes, ranges: Sequence[tuple[int, int]], received: Sequence[Tensor]
+        self, sent: Pieces, ranges: Sequence[tuple[int, int]], rooms: Sequence[Pieces]
     ) -> None:
         """Write the bytes for others, and copy those from others.
 
         Args:
-            sent: bytes for all processes.
-            ranges: begin and end of the bytes for each process; those for this one are not needed.
-            received: room for what each of the others sends; contiguous.
+            sent: what this process sends.
+            ranges: begin and end of the bytes of it that are for each process.
+            rooms: for what each process sends here.
         """
-        start, rounds = 0, 1
-        while start < rounds * CHUNK:
-            half, self._round = self._round % 2, self._round + 1
-            own = self._boxes[self.rank]
-            own.write(half, start, sent, ranges, self.rank)
-            rounds = self._meet(-(-len(sent) // CHUNK))
+        message, received = _Message(sent), [_Message(pieces) for pieces in rooms]
+        start, chunks = 0, 1
+        while start < chunks * CHUNK:
+            half, self._turn = self._turn % 2, self._turn + 1
+            self._boxes[self.rank].write(half, message, start, ranges)
+            chunks = self._meet(-(-message.size // CHUNK))
             for rank, (box, room) in enumerate(zip(self._boxes, received, strict=True)):
                 if rank != self.rank:
-                    box.read(half, self.rank, start, _bytes(room))
+                    box.read(half, self.rank, start, room)
             start += CHUNK
 
-    def _meet(self, rounds: int) -> int:
-        """Wait for all processes; the largest number of rounds that any of them needs."""
+    def _meet(self, chunks: int) -> int:
+        """Wait for all processes; the largest number of chunks that any of them sends."""
         numbers = torch.empty(self.size, 1, dtype=torch.int64)
         with losses_named():
-            dist.all_gather(list(numbers.unbind(0)), torch.tensor([rounds]))
+            dist.all_gather(list(numbers.unbind(0)), torch.tensor([chunks]))
         return int(numbers.max())
+
+
+class _Message:
+    """The bytes of some tensors, one after another."""
+
+    def __init__(self, pieces: Pieces) -> None:
+        parts = [piece.view(-1).view(torch.uint8) for piece in pieces]
+        ends = list(accumulate(map(len, parts), initial=0))
+        self.size = ends[-1]
+        self._parts = list(zip(parts, pairwise(ends), strict=True))
+
+    def within(self, start: int, stop: int) -> Iterator[tuple[Bytes, int]]:
+        """The parts of its tensors between two places, each with its place."""
+        for part, (first, last) in self._parts:
+            begin, end = max(first, start), min(last, stop)
+            if begin < end:
+                yield part[begin - first : end - first], begin
 
 
 class _Box:
@@ -115,31 +116,19 @@ class _Box:
             self._halves.append(half[16 * size :])
 
     def write(
-        self, half: int, start: int, sent: Bytes, ranges: Sequence[tuple[int, int]], rank: int
+        self, half: int, message: _Message, start: int, ranges: Sequence[tuple[int, int]]
     ) -> None:
-        """Write the chunk of a message that begins at ``start``, and the ranges of each process.
-
-        The bytes for the process itself are left out.
-        """
+        """Write a chunk of a message, and the range of the whole of it for each process."""
         self._ranges[half].copy_(torch.tensor(ranges))
-        stop = min(start + CHUNK, len(sent))
-        first, last = ranges[rank]
-        for begin, end in ((start, min(first, stop)), (max(last, start), stop)):
-            if begin < end:
-                self._halves[half][begin - start : end - start].copy_(sent[begin:end])
+        for part, place in message.within(start, start + CHUNK):
+            self._halves[half][place - start :][: len(part)].copy_(part)
 
-    def read(self, half: int, rank: int, start: int, room: Bytes) -> None:
-        """Copy the bytes for a process, of the part of the message that begins at ``start``."""
+    def read(self, half: int, rank: int, start: int, room: _Message) -> None:
+        """Copy what a chunk has for a process."""
         first, last = self._ranges[half][rank].tolist()
         begin, end = max(first, start), min(last, start + CHUNK)
-        if begin < end:
-            part = self._halves[half][begin - start : end - start]
-            room[begin - first : end - first].copy_(part)
-
-
-def _ranges(counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Begin and end of parts that follow one another."""
-    return list(pairwise([0, *accumulate(counts)]))
+        for part, place in room.within(begin - first, end - first):
+            part.copy_(self._halves[half][place + first - start :][: len(part)])
 
 
 def _boxes(group: Group) -> list[Bytes] | None:
@@ -185,8 +174,3 @@ def _box_of(pid: int, number: int) -> Bytes | None:
 
 def _mapped(number: int) -> Bytes:
     return torch.frombuffer(mmap.mmap(number, 0), dtype=torch.uint8)
-
-
-def _bytes(values: Tensor) -> Bytes:
-    """The memory of a tensor."""
-    return values.contiguous().view(-1).view(torch.uint8)

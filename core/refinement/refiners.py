@@ -83,6 +83,11 @@ class Refiners:
             raise ConfigError(f"the refiners {names} need different depth images at step {step}.")
         return wanted.pop() if wanted else Depth.NONE
 
+    @property
+    def observes(self) -> bool:
+        """True if any refiner gathers statistics of batches."""
+        return any(type(refiner).observe is not Refiner.observe for refiner in self)
+
     def needs_view_gradients(self, step: int) -> bool:
         """True if any refiner needs the gradients of single views at ``step``."""
         return any(refiner.needs_view_gradients(step) for refiner in self)

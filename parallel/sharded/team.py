@@ -124,18 +124,15 @@ class GaussianParallel(ParallelTeam):
         One process sends at a time, and the whole is a file: the first process, too, needs no
         memory for rows of others than for those of one of them.
         """
-        nothing, counts, start = values[:0], self.counts, 0
-        whole = None
+        whole, parts, ranks = None, None, range(self.size)
         if self.leads:
             whole = mapped_tensor(folder, (self.num_rows, *values.shape[1:]), values.dtype)
-        for sender, count in enumerate(counts):
-            own = values if sender == self.rank else nothing
-            sent = [len(own)] + [0] * (self.size - 1)
-            received = [count if self.leads and rank == sender else 0 for rank in range(self.size)]
-            found = self._group.exchange_rows(own, sent, received)
-            if whole is not None:
-                whole[start : start + count] = found[sender]
-            start += count
+            parts = whole.split(self.counts)
+        nothing, own = values[:0], values.contiguous()
+        for sender in ranks:
+            sent = [[own if sender == self.rank and rank == 0 else nothing] for rank in ranks]
+            rooms = [[parts[rank] if parts and rank == sender else nothing] for rank in ranks]
+            self._group.exchange_into(sent, rooms)
         return whole
 
     def deliver(self, rows: Mapping[str, Tensor], owners: Int[Tensor, " r"]) -> dict[str, Tensor]:
@@ -147,14 +144,14 @@ class GaussianParallel(ParallelTeam):
         """
         order = owners.argsort(stable=True)
         sent = owners.bincount(minlength=self.size)
-        table = self._group.all_gather(sent).tolist()
-        received = [line[self.rank] for line in table]
-        return {
-            name: torch.cat(
-                self._group.exchange_rows(values.index_select(0, order), sent.tolist(), received)
-            )
-            for name, values in rows.items()
-        }
+        received = self._group.all_gather(sent)[:, self.rank].tolist()
+        found = {}
+        for name, values in rows.items():
+            parts = values.index_select(0, order).split(sent.tolist())
+            found[name] = values.new_empty(sum(received), *values.shape[1:])
+            rooms = found[name].split(received)
+            self._group.exchange_into([[part] for part in parts], [[room] for room in rooms])
+        return found
 
     # Rendering.
 
@@ -245,8 +242,6 @@ class GaussianParallel(ParallelTeam):
 
         Only rows that a view has seen are sent: bytes do not grow with the scene.
         """
-        if self.size == 1:
-            return list(own)
         views = [len(statistics.visible) for statistics in own]
         joined = RenderStatistics.cat(own)
         names = [n for n in STATISTICS if n != "visible" and getattr(joined, n) is not None]
@@ -285,8 +280,10 @@ class GaussianParallel(ParallelTeam):
         refiners: Refiners,
         absent: Callable[[int], StepContext],
     ) -> Iterator[Observation]:
-        """All batches, with the statistics of all rows."""
-        of_all = self._of_all_rows(self._statistics)
+        """All batches, with the statistics of all rows if a refiner gathers them."""
+        of_all = self._statistics
+        if self.size > 1 and refiners.observes:
+            of_all = self._of_all_rows(of_all)
         for item, statistics in zip(rendered, of_all, strict=True):
             context = replace(item.context, splats=absent(item.context.batch.views[0]).splats)
             yield Observation(context, statistics, item.data_loss.detach())

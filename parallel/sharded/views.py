@@ -97,8 +97,6 @@ class Views:
         self.shards = [
             Shard(window, splats, self._images.project(splats)) for window, splats in evaluated
         ]
-        self._sent = [sum(counts) for counts in zip(*self._counts(), strict=True)]
-        """Splats that this process sends to each band."""
         self.bands = self._rendered()
         self._whole = self._gathered()
         self.output = self._images.output(*self._whole)
@@ -123,88 +121,71 @@ class Views:
                 found.append((window, model.splats(time, cameras)))
         return found
 
-    def _counts(self) -> list[tuple[int, ...]]:
-        """For each shard: its splats that may reach each band."""
-        return [shard.banded.counts for shard in self.shards]
-
     def _bands_of(self, rank: int) -> list[int]:
         """The numbers of the bands of a process."""
         return [number for number, owner in enumerate(self._owners) if owner == rank]
 
-    def _by_rank(self) -> list[int]:
-        """The numbers of all bands, those of the first process first."""
-        return [band for rank in range(self._group.size) for band in self._bands_of(rank)]
-
     def _rendered(self) -> list[Band]:
         """Exchange splats, and render the bands of this process."""
-        group = self._group
-        sent_to_bands = torch.tensor(self._sent, device=group.device)
-        table: list[list[int]] = group.all_gather(sent_to_bands).tolist()
+        group, ranks = self._group, range(self._group.size)
+        by_shard = torch.tensor([shard.banded.counts for shard in self.shards])
+        table: list[list[int]] = group.all_gather(by_shard.sum(0).to(group.device)).tolist()
         shards = [shard.by_band() for shard in self.shards]
-        sent = torch.cat([shard[band] for band in self._by_rank() for shard in shards])
-        own = self._bands_of(group.rank)
-        received = [[line[band] for band in own] for line in table]
-        found = group.exchange_rows(sent, self._sent_by_rank(), list(map(sum, received)))
-        parts = [rows.split(line) for rows, line in zip(found, received, strict=True)]
-        return [self._band(band, rows) for band, *rows in zip(own, *parts, strict=True)]
+        sent = [
+            [shard[band] for band in self._bands_of(rank) for shard in shards] for rank in ranks
+        ]
+        own, like = self._bands_of(group.rank), self.shards[0].banded.rows
+        counts = {band: tuple(line[band] for line in table) for band in own}
+        found = {band: like.new_empty(sum(counts[band]), like.shape[1]) for band in own}
+        rooms = [list(found[band].split(counts[band])) for band in own]
+        group.exchange_into(sent, [[room[rank] for room in rooms] for rank in ranks])
+        return [self._band(band, counts[band], found.pop(band)) for band in own]
 
-    def _sent_by_rank(self) -> list[int]:
-        """Splats that this process sends to each process, for all bands of it."""
-        ranks = range(self._group.size)
-        return [sum(self._sent[band] for band in self._bands_of(rank)) for rank in ranks]
-
-    def _band(self, number: int, received: Sequence[Tensor]) -> Band:
-        rows = received[0] if len(received) == 1 else torch.cat(list(received))
+    def _band(self, number: int, counts: tuple[int, ...], rows: Float[Tensor, "m k"]) -> Band:
         try:
             rendered = self._images.render(number, rows)
         except ConfigError as error:  # Other processes do not find it in their bands.
             raise TrainingError(
                 f"band {number} of the step: {error.message}", error.advice
             ) from error
-        return Band(number, tuple(map(len, received)), rendered)
+        return Band(number, counts, rendered)
 
     def _gathered(self) -> tuple[Tensor, Tensor]:
         """All channels and alpha of whole images, in every process; they take gradients."""
-        group, channels, cameras = self._group, self._images.channels, self._cameras
-        like, step = self.shards[0].banded.rows, len(self._pixels[0])
-        most = max(len(self._bands_of(rank)) for rank in range(group.size))
-        own = like.new_zeros(most, step, cameras.width, channels + 1)
-        for place, band in enumerate(self.bands):
-            height = len(band.rendered.alpha)
-            own[place, :height, :, :channels] = band.rendered.image
-            own[place, :height, :, channels] = band.rendered.alpha
-        places = {
-            band: rank * most + place
+        group, cameras, like = self._group, self._cameras, self.shards[0].banded.rows
+        shape = (len(cameras), cameras.height, cameras.width)
+        image = like.new_empty(*shape, self._images.channels)
+        alpha = like.new_empty(*shape, 1)
+        own = [(band.rendered.image, band.rendered.alpha) for band in self.bands]
+        rooms = [
+            [self._part(whole, band) for band in self._bands_of(rank) for whole in (image, alpha)]
             for rank in range(group.size)
-            for place, band in enumerate(self._bands_of(rank))
-        }
-        order = torch.tensor([places[band] for band in range(len(places))], device=own.device)
-        bands = group.all_gather(own).flatten(0, 1).index_select(0, order)
-        whole = bands.unflatten(0, (len(cameras), len(self._pixels))).flatten(1, 2)
-        parts = whole[:, : cameras.height].split([channels, 1], dim=-1)
+        ]
+        group.share_into([part.flatten() for band in own for part in band], rooms)
         wanted = torch.is_grad_enabled()
-        image, alpha = (part.contiguous().requires_grad_(wanted) for part in parts)
-        return image, alpha
+        return image.requires_grad_(wanted), alpha.requires_grad_(wanted)
+
+    def _part(self, whole: Float[Tensor, "c h w d"], band: int) -> Float[Tensor, " k"]:
+        """The values of a band in whole images, one after another; shares memory."""
+        image, number = divmod(band, len(self._pixels))
+        return whole[image, self._pixels[number].start : self._pixels[number].stop].view(-1)
 
     # Backward.
 
     def back(self) -> None:
         """Go back from the gradients of whole images to sums for the splats of each shard."""
-        group, width = self._group, self.shards[0].banded.num_sums
-        ranks = range(group.size)
+        group, ranks = self._group, range(self._group.size)
         lines = [self._sums(band).split(list(band.counts)) for band in self.bands]
-        nothing = self.shards[0].banded.rows.new_zeros(0, width)
-        returned = torch.cat([nothing] + [line[rank] for rank in ranks for line in lines])
-        counts = [sum(band.counts[rank] for band in self.bands) for rank in ranks]
-        found = torch.cat(group.exchange_rows(returned, counts, self._sent_by_rank()))
-        # Band after band as they were sent, and shard after shard of each.
-        order, by_shard = self._by_rank(), self._counts()
-        parts = found.split([counts[band] for band in order for counts in by_shard])
-        places = {band: place * len(by_shard) for place, band in enumerate(order)}
-        self._returned = [
-            torch.cat([parts[places[band] + number] for band in range(len(order))])
-            for number in range(len(by_shard))
+        sent = [[line[rank] for line in lines] for rank in ranks]
+        banded = [shard.banded for shard in self.shards]
+        self._returned = [item.rows.new_empty(len(item.rows), item.num_sums) for item in banded]
+        pairs = zip(self._returned, banded, strict=True)
+        by_shard = [sums.split(list(item.counts)) for sums, item in pairs]
+        # From each process, band after band as the splats were sent, and shard after shard of each.
+        rooms = [
+            [sums[band] for band in self._bands_of(rank) for sums in by_shard] for rank in ranks
         ]
+        group.exchange_into(sent, rooms)
 
     def _sums(self, band: Band) -> Float[Tensor, "m s"]:
         """Sums for each splat of a band, from the gradient of its image."""

@@ -136,18 +136,21 @@ def test_the_bytes_of_an_image_are_those_of_the_formula():
         own_bands = [band for band in bands if division.owner(0, band) == group.rank]
         out = sum(there[band] for band in bands if band not in own_bands)
         back = sum(sum(band.counts) for band in views.bands) - sum(there[b] for b in own_bands)
-        banded = views.shards[0].banded
-        return group.bytes_sent, out, back, banded.rows.shape[1], banded.num_sums
+        banded, pixels = views.shards[0].banded, sum(map(_pixels, views.bands))
+        return group.bytes_sent, pixels, out, back, banded.rows.shape[1], banded.num_sums
 
     found = in_threads(size, render)
-    # The image is gathered in as many bands as any process has, of four channels.
-    image = 4 * 4 * side * -(-len(Division(SHARDS, size).bands(side)) // size)
-    image *= Division(SHARDS, size).band_height(side) * (size - 1)
-    for sent, out, back, values, sums in found:
-        counts = sent - image - 4 * values * out - 4 * sums * back
+    for sent, pixels, out, back, values, sums in found:
+        images = 4 * 4 * pixels * (size - 1)  # Four channels, to each of the others.
+        counts = sent - images - 4 * values * out - 4 * sums * back
         assert 0 <= counts <= 8 * SHARDS * size
         assert (values, sums) == (15, 9)
-    assert sum(line[1] for line in found) == sum(line[2] for line in found) > 0
+    assert sum(line[1] for line in found) == side * side
+    assert sum(line[2] for line in found) == sum(line[3] for line in found) > 0
+
+
+def _pixels(band) -> int:
+    return band.rendered.alpha.numel()
 
 
 @given(rows=st.integers(0, 5000), shards=st.integers(1, 40), size=st.integers(1, 40))

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import torch
-from torch import Tensor
 
-from gsfw.parallel.group import Group
+from gsfw.parallel.group import Group, Pieces
 
 Result = TypeVar("Result")
 
@@ -45,19 +44,23 @@ class ThreadGroup(Group):
         self.device = torch.device("cpu")
         self.rank, self.size, self.bytes_sent = rank, table.size, 0
 
-    def _exchanged(self, values: Tensor) -> Tensor:
-        return torch.stack([part[self.rank] for part in self._table.shared(self.rank, values)])
+    def _exchange(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
+        for rank, pieces in enumerate(self._table.shared(self.rank, sent)):
+            self._receive(rank, pieces[self.rank], rooms)
+        self._table.barrier.wait()  # What is sent may change now.
 
-    def _exchanged_rows(
-        self, rows: Tensor, sent: Sequence[int], received: Sequence[int]
-    ) -> list[Tensor]:
-        parts = self._table.shared(self.rank, rows.split(list(sent)))
-        found = [part[self.rank] for part in parts]
-        assert [len(part) for part in found] == list(received)
-        return found
+    def _share(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
+        for rank, pieces in enumerate(self._table.shared(self.rank, sent)):
+            self._receive(rank, pieces, rooms)
+        self._table.barrier.wait()
 
-    def _all_gathered(self, values: Tensor) -> Tensor:
-        return torch.stack(self._table.shared(self.rank, values))
+    def _receive(self, rank: int, pieces: Pieces, rooms: Sequence[Pieces]) -> None:
+        if rank == self.rank or not pieces:
+            return
+        found = torch.cat([piece.flatten() for piece in pieces])
+        sizes = [room.numel() for room in rooms[rank]]
+        for room, part in zip(rooms[rank], found.split(sizes), strict=True):
+            room.copy_(part.view_as(room))
 
     def gathered(self, value: Any) -> list[Any]:
         return self._table.shared(self.rank, value)
