@@ -178,11 +178,11 @@ def _exchanging(
     dist.init_process_group("gloo", store=store, rank=rank, world_size=2)
     group, found = Group(CPU), {}
     for size in sizes:
-        values = torch.zeros(2, size // 4)
+        sent, rooms = ([[torch.zeros(size // 8)] for _ in range(2)] for _ in range(2))
         times = []
         for _ in range(repeats):
             began = time.perf_counter()
-            group.exchange(values)
+            group.exchange_into(sent, rooms)
             times.append(time.perf_counter() - began)
         found[size] = min(times)
     if rank == 0:

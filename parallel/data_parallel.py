@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import torch
 from jaxtyping import Bool, Float
@@ -71,7 +72,9 @@ class DataParallel(ParallelTeam):
         for index, tensor in enumerate(tensors):
             if tensor.grad is not None:
                 self._with_gradient.add(index)
-        parts = self._group.exchange(_in_parts(tensors, self.size))
+        sent = _in_parts(tensors, self.size)
+        parts = tensors[0].new_empty(self.size, sum(map(len, sent[0])))
+        self._group.exchange_into(sent, [[room] for room in parts])
         for part in parts[: self._in_round]:
             # A copy, or the parts of all processes would stay.
             self._sums = part.clone() if self._sums is None else self._sums.add_(part)
@@ -167,11 +170,20 @@ class DataParallel(ParallelTeam):
         return self._group.all_gather(visible.to(torch.uint8)).bool().any(0)
 
 
-def _in_parts(tensors: Sequence[Tensor], size: int) -> Float[Tensor, "size k"]:
+def _in_parts(tensors: Sequence[Tensor], size: int) -> list[list[Float[Tensor, " k"]]]:
     """The gradients one after another, in equal parts; 0 for tensors without a gradient."""
     flat = [torch.zeros_like(t).flatten() if t.grad is None else t.grad.flatten() for t in tensors]
-    padding = -sum(map(len, flat)) % size
-    return torch.cat([*flat, tensors[0].new_zeros(padding)]).view(size, -1)
+    flat.append(tensors[0].new_zeros(-sum(map(len, flat)) % size))
+    length = sum(map(len, flat)) // size
+    parts: list[list[Tensor]] = [[] for _ in range(size)]
+    start = 0
+    for values in flat:
+        ends = [*range(length - start % length, len(values), length), len(values)]
+        for begin, end in pairwise([0, *ends]):
+            if begin < end:
+                parts[(start + begin) // length].append(values[begin:end])
+        start += len(values)
+    return parts
 
 
 def _reads_images(refiner: Refiner) -> bool:

@@ -32,19 +32,6 @@ class Group:
         self.bytes_sent = 0
         """Bytes that this process has sent to others, without those of ``gathered``."""
 
-    def exchange(self, values: Tensor) -> Tensor:
-        """Send part r of a tensor to process r; return the parts from all, in order of rank.
-
-        Args:
-            values: [size, k], one part for each process.
-        """
-        if self.size == 1:
-            return values
-        found = torch.empty_like(values, memory_format=torch.contiguous_format)
-        parts = values.contiguous()
-        self.exchange_into([[part] for part in parts], [[room] for room in found])
-        return found
-
     def exchange_into(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
         """Send tensors of one type to each process, into the rooms of it for those from this one.
 
@@ -137,11 +124,13 @@ def _joined(pieces: Pieces, rooms: Sequence[Pieces]) -> Tensor:
 
 def _copy(pieces: Pieces, rooms: Pieces) -> None:
     """Copy the values of tensors into others, which may be divided in another way."""
-    if len(pieces) != len(rooms):
+    if len(rooms) == 1:
+        torch.cat([piece.flatten() for piece in pieces], out=rooms[0].view(-1))
+    elif len(rooms) == len(pieces):
+        for piece, room in zip(pieces, rooms, strict=True):
+            room.copy_(piece)
+    else:
         _fill(rooms, torch.cat([piece.flatten() for piece in pieces]))
-        return
-    for piece, room in zip(pieces, rooms, strict=True):
-        room.copy_(piece)
 
 
 def _fill(rooms: Pieces, values: Tensor) -> None:

@@ -59,7 +59,6 @@ def _all_operations(rank) -> None:
         values = torch.randint(0, 2, (SIZE, 40 * seed), generator=own)
         for dtype in (torch.bool, torch.float64, torch.int32):
             typed = values.to(dtype)
-            assert torch.equal(fast.exchange(typed), plain.exchange(typed))
             turned = typed.T  # Not contiguous.
             assert torch.equal(fast.all_gather(turned), plain.all_gather(turned))
     assert fast.bytes_sent == plain.bytes_sent > 0
