@@ -68,19 +68,24 @@ def test_memory_is_that_by_which_scenes_are_cut():
 
 @pytest.mark.unchecked
 @pytest.mark.parametrize(("size", "views"), [(2, 4), (3, 4)])
-def test_bytes_of_data_parallelism_are_those_that_are_sent(tmp_path, size, views):
+@pytest.mark.parametrize(("strategy", "statistics"), [("none", 0), ("adc", 3)])
+def test_bytes_of_data_parallelism_are_those_that_are_sent(
+    tmp_path, size, views, strategy, statistics
+):
     steps = 3
 
     def run(group):
         own = trainer(
-            tmp_path / f"{group.rank}", "none", Recorder(), steps=steps, views_per_step=views
+            tmp_path / f"{group.rank}", strategy, Recorder(), steps=steps, views_per_step=views
         )
         own = with_parts(own, team=DataParallel(group))
         own.fit()
         return group.bytes_sent, sum(t.numel() for t in own.parts.optimizer.tensors())
 
     sent, parameters = in_threads(size, run)[0]
-    expected = formulas.data_parallel_bytes(parameters, size, views, rows=100, statistics=2)
+    expected = formulas.data_parallel_bytes(
+        parameters, size, views, rows=100, statistics=statistics
+    )
     # The agreement before each step and the losses come on top: some hundred bytes.
     assert expected * steps <= sent <= (expected + 1000 * size) * steps + 1000 * size
 
