@@ -48,6 +48,17 @@ def test_a_state_that_is_not_finite_is_never_written(tmp_path):
     assert [path.name for path in folder.checkpoints.iterdir()] == ["step_000000001.pt"]
 
 
+def test_a_value_that_is_not_finite_is_found_in_every_part_of_a_large_tensor(tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.core.loop.run_folder.CHECKED_AT_ONCE", 4)
+    folder = RunFolder(tmp_path)
+    for place in range(9):
+        values = torch.ones(3, 3)
+        values.view(-1)[place] = float("inf")
+        with pytest.raises(ValueError, match=r"^values is not finite$"):
+            folder.write_checkpoint(1, {"values": values})
+    folder.write_checkpoint(1, {"values": torch.ones(3, 3), "none": torch.ones(0)})
+
+
 def test_a_checkpoint_that_was_cut_short_is_refused_with_advice(tmp_path):
     folder = RunFolder(tmp_path)
     path = folder.write_checkpoint(1, {"values": torch.zeros(1000)})
