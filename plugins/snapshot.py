@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.exchange import SplatFile
@@ -14,6 +14,9 @@ from gsfw.core.maths.frame import transform_splats, with_axes
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+
+CHUNK = 1 << 16
+"""Rows whose values are checked at once."""
 
 
 @torch.no_grad()
@@ -39,17 +42,22 @@ def snapshot(
     splats = model.splats(time)
     splats = splats if edit is None else edit(splats)
     world = transform_splats(replace(splats.to("cpu"), rows=None), scene.world_from_scene)
-    finite = torch.stack(
-        [tensor.flatten(1).isfinite().all(1) for tensor in _by_row(world)], dim=1
-    ).all(1)
+    finite = _finite_rows(world)
     kept = finite.nonzero()[:, 0]
+    num_dropped = len(finite) - len(kept)
     return SplatFile(
-        with_axes(world.take(kept)),
+        with_axes(world.take(kept) if num_dropped else world),  # No copy where all are kept.
         antialiased=antialiased,
         up=scene.up,
-        num_dropped=len(finite) - len(kept),
+        num_dropped=num_dropped,
     )
 
 
-def _by_row(splats: Splats) -> list[Tensor]:
-    return [tensor.reshape(len(splats), -1) for tensor in splats.tensors().values()]
+def _finite_rows(splats: Splats) -> Bool[Tensor, " n"]:
+    """True for the splats whose values are all finite."""
+    finite = torch.ones(len(splats), dtype=torch.bool)
+    for tensor in splats.tensors().values():
+        parts = tensor.reshape(len(splats), -1).split(CHUNK)
+        for part, kept in zip(parts, finite.split(CHUNK), strict=True):
+            kept.logical_and_(part.isfinite().all(1))
+    return finite

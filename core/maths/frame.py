@@ -13,8 +13,8 @@ from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import degree_of, rotate_sh
 from gsfw.core.splats import Sh, Splats
 
-CHUNK = 1 << 16
-"""Rows whose colours are rotated at once."""
+CHUNK = 1 << 14
+"""Rows whose colours are rotated at once: that takes ten times their memory."""
 
 
 def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
@@ -41,19 +41,22 @@ def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
         moved = replace(moved, quats=multiply_quaternions(turn, splats.quats.double()))
     if isinstance(splats.colors, Sh):
         stored = replace(splats.colors, degree=degree_of(splats.colors.width))
-        coefficients = _rotated(stored.dense(), rotation)
+        coefficients = _rotated(stored, rotation)
         moved = replace(moved, colors=Sh(coefficients, splats.colors.degree))
     return moved
 
 
-def _rotated(
-    coefficients: Float[Tensor, "n k 3"], rotation: Float[Tensor, "3 3"]
-) -> Float[Tensor, "n k 3"]:
-    """Rotated SH colours, computed in float64 by parts."""
-    if torch.equal(rotation, torch.eye(3).to(rotation)):
-        return coefficients
-    parts = coefficients.split(CHUNK)
-    return torch.cat([rotate_sh(part.double(), rotation).to(part) for part in parts])
+def _rotated(colors: Sh, rotation: Float[Tensor, "3 3"]) -> Float[Tensor, "n k 3"]:
+    """Rotated SH colours as dense coefficients, computed in float64 by parts."""
+    given = colors.coefficients
+    rows = torch.arange(len(given), device=given.device)
+    if torch.equal(rotation, torch.eye(3).to(rotation)) or not len(rows):
+        return colors.dense()
+    width = colors.take(rows[:1]).dense().shape[1]
+    rotated = given.new_empty(len(given), width, 3)
+    for part, to in zip(rows.split(CHUNK), rotated.split(CHUNK), strict=True):
+        to.copy_(rotate_sh(colors.take(part).dense().double(), rotation))
+    return rotated
 
 
 @torch.no_grad()

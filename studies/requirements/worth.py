@@ -67,13 +67,13 @@ class Worth:
         split = Split.EVAL if len(data.views(Split.EVAL)) else Split.TRAIN
         names = data.views(split).names
         chosen = evenly(len(names), MOST_VIEWS)
-        held = subject.splats(torch.tensor(STILL_TIME, device=device))
-        degree, scores = _drawn_degree(held), _scores(subject, data, device)
+        still = torch.tensor(STILL_TIME, device=device)
+        degree, scores = _drawn_degree(subject.splats(still)), _scores(subject, data, device)
         variants: list[Edit] = [
             lambda splats: splats,
             *(ShTruncation(lower) for lower in reversed(range(degree))),
             *(Kept(most_useful_part(scores, 1 - part)) for part in _parts(scores)),
-            *([lambda splats: held] if moves else []),
+            *([lambda splats: subject.splats(still)] if moves else []),
         ]
         batches = _photos(data, split, chosen, device)
         found = _psnr(subject, batches, variants)

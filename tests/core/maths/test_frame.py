@@ -80,6 +80,19 @@ def test_ragged_colours_become_dense_and_look_the_same():
     assert float((draw(ragged) - draw(moved, general())).abs().max()) < 1e-9
 
 
+@pytest.mark.parametrize("parts", [1, 4, 20])
+def test_colours_are_turned_by_parts_as_they_are_at_once(monkeypatch, parts):
+    splats = random_splats(20, 3, dtype=torch.float64)
+    coefficients = splats.colors.coefficients
+    split = replace(splats, colors=Sh(coefficients[:, :1], 3, coefficients[:, 1:]))
+    whole = transform_splats(splats, general()).colors.coefficients
+    monkeypatch.setattr("gsfw.core.maths.frame.CHUNK", -(-20 // parts))
+    found = transform_splats(split, general()).colors
+    assert found.rest is None
+    assert torch.allclose(found.coefficients, whole, atol=1e-14)
+    assert float((whole - coefficients).abs().max()) > 0.01
+
+
 def test_float32_splats_become_float64_but_for_colors_and_the_identity_changes_nothing():
     splats = random_splats(20, 3)
     moved = transform_splats(splats, Similarity())
