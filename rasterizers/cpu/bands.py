@@ -63,6 +63,7 @@ class CpuBands(Bands):
         # Of no rows: bands need its settings, and to know which statistics are wanted.
         self._call = self._call_of(splats.take(torch.arange(0)), torch.is_grad_enabled())
         self.channels = len(self._call.background)
+        self._width = required().SENT_FIELDS + self.channels
 
     def _call_of(self, splats: Splats, differentiated: bool) -> RenderCall:
         cameras, settings = self._cameras, self._settings
@@ -76,17 +77,21 @@ class CpuBands(Bands):
         call = self._call_of(splats, wanted)
         arrays: list[Any] = [*tensors[:-1], offsets]
         kind, seen = native_class("BandedRows", splats.means.dtype), call.statistics
-        images = [
-            kind(
+        images, packed = [], []
+        for index in range(len(self._cameras)):
+            image = kind(
                 call.inputs(SplatArrays(*arrays), index).detached(),
                 call.settings,
                 RowOutputs(seen.visible[index], seen.radii[index]),
                 self._band_height,
                 num_threads(),
             )
-            for index in range(len(self._cameras))
-        ]
-        return CpuBandedSplats(images, call, tensors)
+            # At once: the next image then has the memory of its projected splats.
+            rows = call.background.new_empty(sum(image.counts), self._width)
+            image.pack(PackedRows(rows))
+            images.append(image)
+            packed.append(rows)
+        return CpuBandedSplats(images, torch.cat(packed), call, tensors)
 
     def render(self, band: int, rows: Float[Tensor, "m k"]) -> CpuRenderedBand:
         """Render a band.
@@ -115,20 +120,25 @@ class CpuBands(Bands):
 class CpuBandedSplats(BandedSplats):
     """Splats in some images, divided by bands in native memory."""
 
-    def __init__(self, images: Sequence[Any], call: RenderCall, tensors: Sequence[Any]) -> None:
+    def __init__(
+        self,
+        images: Sequence[Any],
+        rows: Float[Tensor, "m k"],
+        call: RenderCall,
+        tensors: Sequence[Any],
+    ) -> None:
         """Take the projected splats.
 
         Args:
             images: ``BandedRows`` of the native module, of each image.
+            rows: those that they have packed.
             call: the call that they belong to.
             tensors: those that they can be differentiated by.
         """
         measured, like = call.statistics, call.background
         self.counts = tuple(count for image in images for count in image.counts)
-        self.rows = like.new_empty(sum(self.counts), required().SENT_FIELDS + len(like))
+        self.rows = rows
         totals = [sum(image.counts) for image in images]
-        for image, rows in zip(images, self.rows.split(totals), strict=True):
-            image.pack(PackedRows(rows))
         self.num_sums = required().SLOT_FIELDS + len(like)
         self.num_sums += 2 * (measured.absgrad is not None) + (measured.contribution is not None)
         self._call = call

@@ -33,6 +33,35 @@ inline void prefer_large_pages([[maybe_unused]] void* block, [[maybe_unused]] si
 #endif
 }
 
+/// Bytes from which a block has pages of its own.
+constexpr size_t OWN_PAGES = size_t(1) << 20;
+
+/// A block that stays from one image to the next, aligned to a cache line; throws std::bad_alloc.
+/// A large one has pages of its own: within the heap it would part what each step frees around it,
+/// so that the heap has to grow for the next large block.
+inline void* take_block(size_t bytes) {
+#if defined(__linux__)
+  if (bytes >= OWN_PAGES) {
+    void* block = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (block == MAP_FAILED) throw std::bad_alloc();
+    prefer_large_pages(block, bytes);
+    return block;
+  }
+#endif
+  return ::operator new(bytes, std::align_val_t{64});
+}
+
+/// Free a block of ``take_block``, of the same size.
+inline void free_block(void* block, [[maybe_unused]] size_t bytes) {
+#if defined(__linux__)
+  if (bytes >= OWN_PAGES) {
+    munmap(block, bytes);
+    return;
+  }
+#endif
+  ::operator delete(block, std::align_val_t{64});
+}
+
 /// An array that only grows, without keeping its contents; aligned to a cache line.
 template <typename T>
 class Buffer {
@@ -47,9 +76,8 @@ class Buffer {
     if (size > size_) {
       release();
       const size_t wanted = size + size / 8;
-      data_ = static_cast<T*>(::operator new(wanted * sizeof(T), std::align_val_t{64}));
+      data_ = static_cast<T*>(take_block(wanted * sizeof(T)));
       size_ = wanted;
-      prefer_large_pages(data_, wanted * sizeof(T));
     }
     return data_;
   }
@@ -70,7 +98,7 @@ class Buffer {
 
  private:
   void release() {
-    if (data_) ::operator delete(data_, std::align_val_t{64});
+    if (data_) free_block(data_, size_ * sizeof(T));
     data_ = nullptr;
     size_ = 0;
   }
