@@ -315,6 +315,7 @@ class GaussianParallel(ParallelTeam):
             found = self.to_first(by_row(column, column.values.detach()), folder)
             if found is not None:
                 column.assign(Rows(by_row(column, found).to(parts.device)))
+        release_freed_memory()  # That of training: rendering and writing all rows needs other.
         if not self.leads:
             return parts
         table = SplatTable(parts.model, parts.optimizer)

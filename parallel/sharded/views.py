@@ -139,6 +139,10 @@ class Views:
         found = {band: like.new_empty(sum(counts[band]), like.shape[1]) for band in own}
         rooms = [list(found[band].split(counts[band])) for band in own]
         group.exchange_into(sent, [[room[rank] for room in rooms] for rank in ranks])
+        del shards, sent, rooms
+        for shard in self.shards:
+            shard.banded.rows = like[:0].clone()  # They are not read again.
+        del like
         return [self._band(band, counts[band], found.pop(band)) for band in own]
 
     def _band(self, number: int, counts: tuple[int, ...], rows: Float[Tensor, "m k"]) -> Band:
@@ -178,7 +182,7 @@ class Views:
         lines = [self._sums(band).split(list(band.counts)) for band in self.bands]
         sent = [[line[rank] for line in lines] for rank in ranks]
         banded = [shard.banded for shard in self.shards]
-        self._returned = [item.rows.new_empty(len(item.rows), item.num_sums) for item in banded]
+        self._returned = [item.rows.new_empty(sum(item.counts), item.num_sums) for item in banded]
         pairs = zip(self._returned, banded, strict=True)
         by_shard = [sums.split(list(item.counts)) for sums, item in pairs]
         # From each process, band after band as the splats were sent, and shard after shard of each.

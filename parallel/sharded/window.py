@@ -49,10 +49,13 @@ class Window:
             gradient = self._rows[name].values.grad
             if gradient is None:
                 continue
+            self._rows[name].values.grad = None
+            if column.values.grad is None and gradient.shape == column.values.shape:
+                column.values.grad = gradient.add_(0.0)  # As below, -0 becomes 0.
+                continue
             if column.values.grad is None:
                 column.values.grad = torch.zeros_like(column.values)
             _within(column, column.values.grad, self.start, self.stop).add_(gradient)
-            self._rows[name].values.grad = None
 
 
 def _within(column: Column, values: Tensor, start: int, stop: int) -> Tensor:

@@ -22,6 +22,7 @@ from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.parallel.sharded.division import TILE, Division
 from gsfw.parallel.sharded.team import GaussianParallel
 from gsfw.parallel.sharded.views import Views
+from gsfw.parallel.sharded.window import Window
 
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
@@ -244,3 +245,39 @@ def test_refined_poses_get_gradients_of_all_shards_of_a_process():
 
     in_threads(1, back)
     torch.testing.assert_close(pose.grad, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_gradients_of_one_shard_are_taken_without_a_copy_and_have_the_bits_of_several():
+    def gradients(ends):
+        model = gaussians(6)
+        windows = [Window(model, *pair) for pair in ends]
+        given = torch.linspace(-1, 1, 18).view(6, 3)
+        given[2] = -0.0
+        found = []
+        for window in windows:
+            with window.shown():
+                (model.means.values * given[window.start : window.stop]).sum().backward()
+                found.append(model.means.values.grad.data_ptr())
+            window.add_gradients()
+        return model.means.values.grad, found
+
+    one, (place,) = gradients([(0, 6)])
+    two, _ = gradients([(0, 2), (2, 6)])
+    assert one.data_ptr() == place
+    assert torch.equal(one.view(torch.int32), two.view(torch.int32))
+
+
+def test_splats_are_forgotten_once_they_are_sent():
+    def rows_kept(group):
+        division, model = Division(SHARDS, 2), gaussians(40)
+        own = division.rows_of(group.rank, 40)
+        for column in model.columns().values():
+            column.assign(column.take(torch.arange(own.start, own.stop)))
+        camera = front_camera(64, 64)
+        views = Views(group, division, model, fast_rasterizer(), camera, RenderSettings(), None, 40)
+        assert sum(len(shard.banded.counts) for shard in views.shards) > 0
+        return sum(len(shard.banded.rows) for shard in views.shards), views.output.alpha.max()
+
+    for kept, alpha in in_threads(2, rows_kept):
+        assert kept == 0
+        assert alpha > 0
