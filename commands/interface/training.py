@@ -14,12 +14,13 @@ from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.commands.interface.summary import file_rows, next_rows, run_rows, summary_text
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import Exporter
+from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.progress import stage
 from gsfw.formats.corrections import write_corrections
 from gsfw.formats.visible_splats import without_invisible
-from gsfw.kernels.cpu.native_module import keep_freed_memory
+from gsfw.kernels.cpu.native_module import keep_freed_memory, release_render_memory
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
@@ -104,6 +105,8 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
     try:
         summary = trainer.fit(afterwards=report.make)
         ending = Ending(report.headline)
+        release_render_memory()
+        release_freed_memory()  # That of training and of the report.
         if summary["completed"]:
             ending.invisible = write_splats(trainer, console)
             ending.learnt = write_corrections(trainer.parts, folder.path)

@@ -70,6 +70,8 @@ def added_memory_mb(work: Callable[[], object], device: torch.device) -> float |
 
 def release_freed_memory() -> None:
     """Give freed memory back to the system; glibc keeps what lies between things that stay."""
+    if sys.platform == "win32":  # Its allocator has no such call.
+        return
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)

@@ -20,7 +20,7 @@ from gsfw.core.loop.evaluation import Evaluation, evaluate
 from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses, without_data
 from gsfw.core.loop.full_memory import memory_full
 from gsfw.core.loop.goal import Goal, mean_psnr
-from gsfw.core.loop.memory import memory_summary, peak_memory_mb
+from gsfw.core.loop.memory import memory_summary, peak_memory_mb, release_freed_memory
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.recording import recorder_for
 from gsfw.core.loop.run_folder import RunFolder
@@ -87,6 +87,7 @@ class Trainer:
                 ):  # Also checks that the folder is writable.
                     self._checkpoint()
                 self.callbacks.on_start(self._started(), self.control)
+                release_freed_memory()  # That of the start.
                 self._stopwatch.restart()
                 self.walk.begin(self.step)
                 while self.step < self.plan.steps and not self._stops():
@@ -337,6 +338,7 @@ class Trainer:
             return
         with stage("writing a checkpoint"), self.walk.apart():
             path = self.folder.write_checkpoint(self.step, state)
+            release_freed_memory()  # That of writing, which steps do not need.
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)

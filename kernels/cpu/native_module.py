@@ -88,3 +88,10 @@ def keep_freed_memory() -> None:
     module = native()
     if module is not None:
         module.keep_freed_memory()
+
+
+def release_render_memory() -> None:
+    """Free the memory that kernels keep from one render to the next, as after the last one."""
+    module = native()
+    if module is not None:
+        module.release_render_memory()

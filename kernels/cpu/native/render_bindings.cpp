@@ -192,6 +192,8 @@ void bind_render(nb::module_& module) {
   module.attr("PAIR_BYTES") = PAIR_BYTES;
   module.attr("SLOT_FIELDS") = int(SLOT_CHANNELS);
   module.attr("SENT_FIELDS") = sent_fields(0);
+  module.def("release_render_memory", &release_render_memory,
+             "Free the memory that is kept from one render to the next.");
   module.def("keep_freed_memory", &keep_freed_memory,
              "Let the process's allocator keep what is freed instead of giving it back.");
 }
