@@ -30,7 +30,7 @@ def snapshot(
     """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU.
 
     Splats with covariances get quaternions and scales. Rows that are not finite are left out, and
-    counted.
+    counted. Colours may share memory with the model, which is not to be trained on meanwhile.
 
     Args:
         model: source of the splats.
@@ -41,6 +41,7 @@ def snapshot(
     """
     splats = model.splats(time)
     splats = splats if edit is None else edit(splats)
+    splats = splats.map(Tensor.detach)
     world = transform_splats(replace(splats.to("cpu"), rows=None), scene.world_from_scene)
     finite = _finite_rows(world)
     kept = finite.nonzero()[:, 0]
