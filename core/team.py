@@ -66,7 +66,8 @@ class Observation:
     context: StepContext
     """Its context; one without splats if another process has rendered the batch."""
     statistics: RenderStatistics
-    """Its statistics, with the gradients of the backward pass."""
+    """Its statistics, with the gradients of the backward pass. They are of all rows if a refiner
+    observes."""
     data_loss: Tensor
     """Sum of the terms that compare with the images."""
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
+from functools import reduce
 from itertools import pairwise
 
 import torch
@@ -73,7 +74,7 @@ class DataParallel(ParallelTeam):
             if tensor.grad is not None:
                 self._with_gradient.add(index)
         sent = _in_parts(tensors, self.size)
-        parts = tensors[0].new_empty(self.size, sum(map(len, sent[0])))
+        parts = sent[0][0].new_empty(self.size, sum(map(len, sent[0])))
         self._group.exchange_into(sent, [[room] for room in parts])
         for part in parts[: self._in_round]:
             # A copy, or the parts of all processes would stay.
@@ -139,7 +140,8 @@ class DataParallel(ParallelTeam):
                     if found is not None
                 ]
             rows = contexts[0].num_rows if refiners.observes else 0
-            found = self._group.all_gather(self._by_row(own, rows))
+            found = self._by_row(own, rows)
+            found = self._group.all_gather(found) if rows else found.expand(self.size, -1, 0)
             for place, context in enumerate(contexts):
                 loss = self._data_losses[first + place]
                 if place == self.rank and own is not None:
@@ -172,8 +174,10 @@ class DataParallel(ParallelTeam):
 
 def _in_parts(tensors: Sequence[Tensor], size: int) -> list[list[Float[Tensor, " k"]]]:
     """The gradients one after another, in equal parts; 0 for tensors without a gradient."""
-    flat = [torch.zeros_like(t).flatten() if t.grad is None else t.grad.flatten() for t in tensors]
-    flat.append(tensors[0].new_zeros(-sum(map(len, flat)) % size))
+    grads = [torch.zeros_like(t) if t.grad is None else t.grad for t in tensors]
+    dtype = reduce(torch.promote_types, (grad.dtype for grad in grads))
+    flat = [grad.flatten().to(dtype) for grad in grads]
+    flat.append(flat[0].new_zeros(-sum(map(len, flat)) % size))
     length = sum(map(len, flat)) // size
     parts: list[list[Tensor]] = [[] for _ in range(size)]
     start = 0

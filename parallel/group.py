@@ -32,6 +32,7 @@ class Group:
         self.bytes_sent = 0
         """Bytes that this process has sent to others, without those of ``gathered``."""
 
+    @torch.no_grad()
     def exchange_into(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
         """Send tensors of one type to each process, into the rooms of it for those from this one.
 
@@ -67,6 +68,7 @@ class Group:
         self.share_into([values.contiguous()], [[room] for room in found])
         return found
 
+    @torch.no_grad()
     def share_into(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
         """Send the same tensors to all processes, into their rooms for those from this one.
 
@@ -124,11 +126,11 @@ def _joined(pieces: Pieces, rooms: Sequence[Pieces]) -> Tensor:
 
 def _copy(pieces: Pieces, rooms: Pieces) -> None:
     """Copy the values of tensors into others, which may be divided in another way."""
-    if len(rooms) == 1:
-        torch.cat([piece.flatten() for piece in pieces], out=rooms[0].view(-1))
-    elif len(rooms) == len(pieces):
+    if [piece.numel() for piece in pieces] == [room.numel() for room in rooms]:
         for piece, room in zip(pieces, rooms, strict=True):
-            room.copy_(piece)
+            room.copy_(piece.view_as(room))
+    elif len(rooms) == 1 and rooms[0].device == pieces[0].device:
+        torch.cat([piece.flatten() for piece in pieces], out=rooms[0].view(-1))
     else:
         _fill(rooms, torch.cat([piece.flatten() for piece in pieces]))
 

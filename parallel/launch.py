@@ -187,6 +187,6 @@ def _report(codes: dict[int, int]) -> int:
     for number, code in sorted(codes.items()):
         if code < 0 and -code != signal.SIGTERM:  # SIGTERM: ended as another had failed.
             name = signal.Signals(-code).name
-            cause = " (memory may have run out)" if name == "SIGKILL" else ""
+            cause = " (memory may have run out)" if name in ("SIGKILL", "SIGBUS") else ""
             sys.stderr.write(f"error: process {number} was ended by {name}{cause}\n")
     return max(codes.get(0, 0), 0) or FAILED

@@ -25,7 +25,9 @@ CHUNK = 16 << 20
 """Bytes of a half of a box. To meet takes as long as to copy some of them; pages that no message
 reaches take no memory."""
 LEAST = 1 << 16
-"""Shorter messages, in bytes, go by gloo: to meet takes as long."""
+"""Messages that are shorter on average, in bytes, are shared by gloo: to meet takes as long. For
+an exchange no process knows the sizes of all."""
+NAME = "gsfw"
 TOKEN = 16
 """Bytes by which a process knows the box of another one."""
 Bytes = UInt8[Tensor, " b"]
@@ -124,8 +126,14 @@ class _Box:
             self._halves[half][place - start :][: len(part)].copy_(part)
 
     def read(self, half: int, rank: int, start: int, room: _Message) -> None:
-        """Copy what a chunk has for a process."""
+        """Copy what a chunk has for a process.
+
+        Raises:
+            RuntimeError: the room is not as large as the message for the process.
+        """
         first, last = self._ranges[half][rank].tolist()
+        if last - first != room.size:
+            raise RuntimeError(f"{last - first} bytes were sent, and {room.size} expected")
         begin, end = max(first, start), min(last, start + CHUNK)
         for part, place in room.within(begin - first, end - first):
             part.copy_(self._halves[half][place + first - start :][: len(part)])
@@ -133,43 +141,50 @@ class _Box:
 
 def _boxes(group: Group) -> list[Bytes] | None:
     """A box of each process; ``None`` if they are not on one machine, or it has no such memory."""
-    own, found = _opened(TOKEN + 2 * (16 * group.size + CHUNK)), []
-    token = b"" if own is None else os.urandom(TOKEN)
+    own, token = _opened(TOKEN + 2 * (16 * group.size + CHUNK)), os.urandom(TOKEN)
     if own is not None:
-        _mapped(own)[:TOKEN].copy_(torch.frombuffer(bytearray(token), dtype=torch.uint8))
-    for pid, number, told in group.gathered((os.getpid(), own, token)):
-        box = None if number is None else _box_of(pid, number)
-        found.append(box if box is not None and bytes(box[:TOKEN].tolist()) == told else None)
-    all_found = all(group.gathered(None not in found))
+        own[1][:TOKEN].copy_(torch.frombuffer(bytearray(token), dtype=torch.uint8))
+    told = group.gathered((os.getpid(), -1 if own is None else own[0], token))
+    found = [_box_of(*process) for process in told]
+    boxes = [box for box in found if box is not None]
+    all_found = all(group.gathered(len(boxes) == group.size))
     if own is not None:
-        os.close(own)
-    return [box for box in found if box is not None] if all_found else None
+        os.close(own[0])
+    return boxes if all_found else None
 
 
-def _opened(size: int) -> int | None:
-    """A file in memory, of which no folder limits the size; ``None`` where there are none."""
+def _opened(size: int) -> tuple[int, Bytes] | None:
+    """A file in memory, of which no folder limits the size; ``None`` where there is none."""
     if not hasattr(os, "memfd_create"):
         return None
+    number = None
     try:
-        number = os.memfd_create("gsfw")
+        number = os.memfd_create(NAME)
         os.ftruncate(number, size)
+        return number, _mapped(number)
+    except OSError:  # A limit of this process forbids it.
+        if number is not None:
+            os.close(number)
+        return None
+
+
+def _box_of(pid: int, number: int, token: bytes) -> Bytes | None:
+    """The memory of a file of another process; ``None`` if it is not to be had."""
+    path = f"/proc/{pid}/fd/{number}"
+    try:
+        # In another container or machine the number may be that of any file.
+        if not os.readlink(path).startswith(f"/memfd:{NAME}"):
+            return None
+        file = os.open(path, os.O_RDWR)
     except OSError:
         return None
-    return number
-
-
-def _box_of(pid: int, number: int) -> Bytes | None:
-    """The memory of a file of another process; ``None`` if it is not to be had."""
     try:
-        file = os.open(f"/proc/{pid}/fd/{number}", os.O_RDWR)
-    except OSError:  # It is of another machine or container, or of another user.
-        return None
-    try:
-        return _mapped(file)
+        box = _mapped(file)
     except (OSError, ValueError):
         return None
     finally:
         os.close(file)
+    return box if bytes(box[:TOKEN].tolist()) == token else None
 
 
 def _mapped(number: int) -> Bytes:

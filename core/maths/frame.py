@@ -54,8 +54,9 @@ def _rotated(colors: Sh, rotation: Float[Tensor, "3 3"]) -> Float[Tensor, "n k 3
         return colors.dense()
     width = colors.take(rows[:1]).dense().shape[1]
     rotated = given.new_empty(len(given), width, 3)
-    for part, to in zip(rows.split(CHUNK), rotated.split(CHUNK), strict=True):
-        to.copy_(rotate_sh(colors.take(part).dense().double(), rotation))
+    for start in range(0, len(given), CHUNK):
+        part = colors.take(rows[start : start + CHUNK]).dense()
+        rotated[start : start + CHUNK] = rotate_sh(part.double(), rotation).to(part)
     return rotated
 
 

@@ -17,7 +17,7 @@ from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.refinement.budget import BudgetSize, with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.refiner import Refiner
-from gsfw.parallel.data_parallel import DataParallel
+from gsfw.parallel.data_parallel import DataParallel, _in_parts
 from gsfw.strategies.adc import AdcConfig
 
 # Whole trainings; the tests of their parts check shapes.
@@ -72,6 +72,19 @@ def test_the_first_step_is_that_of_a_batch_up_to_rounding(tmp_path):
         torch.testing.assert_close(
             split["optimizer"]["moments"][name][0]["first"], values[0]["first"], msg=name
         )
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7])
+def test_gradients_of_any_types_and_sizes_are_cut_into_equal_parts(size):
+    tensors = [torch.zeros(2, 3), torch.zeros(()), torch.zeros(4, dtype=torch.float64)]
+    for start, tensor in zip((1, 0, 10), tensors, strict=True):
+        tensor.grad = torch.arange(start, start + tensor.numel()).view_as(tensor).to(tensor)
+    tensors[1].grad = None  # As 0.
+    parts = [torch.cat(part) for part in _in_parts(tensors, size)]
+    assert {len(part) for part in parts} == {-(-11 // size)}
+    whole = torch.cat(parts)
+    assert whole.dtype == torch.float64
+    assert whole[:11].tolist() == [1, 2, 3, 4, 5, 6, 0, 10, 11, 12, 13]
 
 
 def test_the_bytes_are_those_of_the_formula(tmp_path):

@@ -62,6 +62,9 @@ def _all_operations(rank) -> None:
             turned = typed.T  # Not contiguous.
             assert torch.equal(fast.all_gather(turned), plain.all_gather(turned))
     assert fast.bytes_sent == plain.bytes_sent > 0
+    rows = torch.ones(99, requires_grad=True)
+    with pytest.raises(RuntimeError, match="396 bytes were sent, and 200 expected"):
+        fast.share_into([rows], [[torch.empty(99 if rank == r else 50)] for r in range(SIZE)])
 
 
 def test_all_operations_return_what_sockets_return():
@@ -80,7 +83,7 @@ def _one_without_memory(rank) -> None:
 def _one_with_another_token(rank) -> None:
     if rank == 2:  # The number of a file of another container's process.
         opened = shared_memory._box_of
-        shared_memory._box_of = lambda pid, number: torch.zeros_like(opened(pid, number))
+        shared_memory._box_of = lambda pid, number, token: opened(pid, number, bytes(16))
     assert type(group_on(CPU)) is Group
 
 

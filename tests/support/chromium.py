@@ -142,7 +142,7 @@ class Page:
     def click_text(self, text: str, selector: str = "button, a, label, [role], summary") -> None:
         """Click the smallest visible element that has exactly this text, once it stands still.
 
-        A click that misses, because the page moved the element meanwhile, is repeated.
+        A click that misses, because the page moved the element meanwhile, is repeated once.
         """
         place = f"""(() => {{
               const found = [...document.querySelectorAll({json.dumps(selector)})].filter(
@@ -151,13 +151,20 @@ class Page:
               if (!found.length) return null;
               found.sort((a, b) => a.innerHTML.length - b.innerHTML.length);
               found[0].scrollIntoView({{block: "nearest"}});
-              window.hit = false;
-              found[0].addEventListener("click", () => {{ window.hit = true; }}, true);
               const box = found[0].getBoundingClientRect();
               return [box.x + box.width / 2, box.y + box.height / 2];
             }})()"""
+        self.evaluate(
+            f"""(() => {{
+              window.hit = false;
+              document.addEventListener("click", (event) => {{
+                for (let item = event.target; item; item = item.parentElement)
+                  if (item.innerText?.trim() === {json.dumps(text)}) window.hit = true;
+              }}, {{capture: true, once: true}});
+            }})()"""
+        )
         self.click(self._at_rest(place))
-        while not self.evaluate("window.hit"):
+        if not self.evaluate("window.hit"):
             self.click(self._at_rest(place))
 
     def _at_rest(self, place: str) -> tuple[float, float]:

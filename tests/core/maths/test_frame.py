@@ -83,14 +83,16 @@ def test_ragged_colours_become_dense_and_look_the_same():
 @pytest.mark.parametrize("parts", [1, 4, 20])
 def test_colours_are_turned_by_parts_as_they_are_at_once(monkeypatch, parts):
     splats = random_splats(20, 3, dtype=torch.float64)
-    coefficients = splats.colors.coefficients
+    coefficients = splats.colors.coefficients.requires_grad_()
     split = replace(splats, colors=Sh(coefficients[:, :1], 3, coefficients[:, 1:]))
     whole = transform_splats(splats, general()).colors.coefficients
     monkeypatch.setattr("gsfw.core.maths.frame.CHUNK", -(-20 // parts))
     found = transform_splats(split, general()).colors
     assert found.rest is None
     assert torch.allclose(found.coefficients, whole, atol=1e-14)
-    assert float((whole - coefficients).abs().max()) > 0.01
+    assert float((whole - coefficients).detach().abs().max()) > 0.01
+    found.coefficients.square().sum().backward()
+    assert coefficients.grad is not None
 
 
 def test_float32_splats_become_float64_but_for_colors_and_the_identity_changes_nothing():
