@@ -139,7 +139,7 @@ def test_a_guard_hands_on_ctrl_c_also_where_its_starter_blocks_it(tmp_path):
         assert process.wait(10) == -signal.SIGINT
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGUSR1])
 def test_a_guard_ends_as_its_command_has(number):
     kill = f"import os; os.kill(os.getpid(), {int(number)})"
     command = [sys.executable, "-S", guard.__file__, sys.executable, "-S", "-c", kill]
