@@ -32,8 +32,8 @@ from gsfw.core.training_memory import (
 from gsfw.core.words import size
 from gsfw.plugins.settings import Settings
 
-CERTAIN = 0.72
-"""Part of the estimate that a run takes at least: it was 0.72 to 1.04 of it where it was measured
+CERTAIN = 0.55
+"""Part of the estimate that a run takes at least: it was 0.61 to 1.04 of it where it was measured
 (docs/guides/large-scenes.md). Only a run that needs more than there is even then is refused."""
 CACHE_SHARE = 0.25
 """Part of the memory for decoded images at most, where the user gives no number."""
