@@ -18,13 +18,13 @@ WORDS = ("method=3dgs", "device=cpu", *SMALL_SCENE, "steps=2", "report=false")
 def test_a_run_that_cannot_fit_ends_with_a_sentence_and_leaves_no_folder(
     tmp_path, capsys, monkeypatch
 ):
-    little = MachineMemory(200_000_000, 200_000_000, is_group=True)
+    little = MachineMemory(180_000_000, 180_000_000, is_group=True)
     monkeypatch.setattr(memory_fit, "machine_memory", lambda: little)
     for more in ((), ("--dry-run",)):
         assert main(["train", *WORDS, f"out={tmp_path / 'run'}", *more]) == 2
         assert capsys.readouterr().err.endswith(
             "error: training needs about 351 MB of memory for 150 Gaussians to start with, and "
-            "the control group of this process allows 200 MB.\n"
+            "the control group of this process allows 180 MB.\n"
             "check_memory=false trains all the same.\n"
         )
     assert not (tmp_path / "run").exists()
@@ -40,7 +40,7 @@ def test_an_ordinary_run_says_nothing_of_memory(tmp_path, capsys):
 @pytest.mark.slow
 def test_in_a_real_control_group_large_runs_are_refused_and_small_ones_train(tmp_path):
     def train(points: int) -> subprocess.CompletedProcess:
-        with memory_limit(600) as limit:
+        with memory_limit(500) as limit:
             if "control group" not in limit.name:
                 pytest.skip("no control group can be made here")
             return subprocess.run(
@@ -53,6 +53,6 @@ def test_in_a_real_control_group_large_runs_are_refused_and_small_ones_train(tmp
     refused = train(300_000)
     assert refused.returncode == 2, refused.stderr
     assert "error: training needs about 995 MB of memory for 300,000 Gaussians" in refused.stderr
-    assert "the control group of this process allows 600 MB" in refused.stderr
+    assert "the control group of this process allows 500 MB" in refused.stderr
     trained = train(20_000)
     assert trained.returncode == 0, trained.stderr
