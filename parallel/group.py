@@ -22,7 +22,7 @@ class Group:
     """Collective operations of all processes, which count the bytes that they send."""
 
     def __init__(self, device: torch.device) -> None:
-        """Use the processes that ``joined`` has connected.
+        """Use the processes that ``parallel.launch.connected`` has connected.
 
         Args:
             device: of the tensors that are exchanged.
@@ -34,11 +34,12 @@ class Group:
 
     @torch.no_grad()
     def exchange_into(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
-        """Send tensors of one type to each process, into the rooms of it for those from this one.
+        """Send other tensors to each process, and receive in place what each sends to this one.
 
         Args:
-            sent: contiguous tensors for each process.
-            rooms: contiguous tensors for what each process sends here, as large in all.
+            sent: contiguous tensors of one type for each process.
+            rooms: contiguous tensors that receive what each process sends; their total size is that
+                of what is sent.
         """
         _copy(sent[self.rank], rooms[self.rank])
         if self.size > 1:
@@ -70,11 +71,12 @@ class Group:
 
     @torch.no_grad()
     def share_into(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
-        """Send the same tensors to all processes, into their rooms for those from this one.
+        """Send the same tensors to all processes, and receive in place what each of them sends.
 
         Args:
             sent: contiguous tensors of one type.
-            rooms: contiguous tensors for what each process sends, as large in all.
+            rooms: contiguous tensors that receive what each process sends; their total size is that
+                of what is sent.
         """
         _copy(sent, rooms[self.rank])
         if self.size > 1:

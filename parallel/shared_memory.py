@@ -22,11 +22,11 @@ from torch import Tensor
 from gsfw.parallel.group import Group, Pieces, losses_named, num_bytes
 
 CHUNK = 16 << 20
-"""Bytes of a half of a box. To meet takes as long as to copy some of them; pages that no message
-reaches take no memory."""
+"""Bytes of a half of a box. Each chunk costs a meeting of the processes, so that chunks are large;
+pages that no message reaches take no memory."""
 LEAST = 1 << 16
-"""Messages that are shorter on average, in bytes, are shared by gloo: to meet takes as long. For
-an exchange no process knows the sizes of all."""
+"""Tensors for all processes go by gloo if they are smaller than this on average, in bytes: a meeting
+takes as long. An exchange always uses the boxes, as no process knows the sizes of all messages."""
 NAME = "gsfw"
 TOKEN = 16
 """Bytes by which a process knows the box of another one."""
