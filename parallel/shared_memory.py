@@ -25,7 +25,7 @@ CHUNK = 16 << 20
 """Bytes of a half of a box. Each chunk costs a meeting of the processes, so that chunks are large;
 pages that no message reaches take no memory."""
 LEAST = 1 << 16
-"""Tensors for all processes go by gloo if they are smaller than this on average, in bytes: a meeting
+"""Tensors for all processes go by gloo if they are smaller than this on average, in bytes: to meet
 takes as long. An exchange always uses the boxes, as no process knows the sizes of all messages."""
 NAME = "gsfw"
 TOKEN = 16
