@@ -45,6 +45,20 @@ os.environ["GSFW_STATE_DIR"] = "none"
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
+DISTURBED = (
+    *("callbacks/test_tensorboard_page.py", "commands/test_races.py", "commands/test_view.py"),
+    *("core/loop/test_memory.py", "core/test_training_memory.py", "formats/test_in_spark.py"),
+    *("formats/web/test_player.py", "jobs", "parallel", "preparation/check/test_memory.py"),
+    *("preparation/test_cancellation.py", "rasterizers/cpu/test_processes.py"),
+    *("reports/test_in_browser.py", "studies/tradeoff/test_runner.py", "test_end_to_end.py"),
+    "viewer",
+)
+"""Tests of pages, of processes that wait for each other and of this process's memory.
+
+Other work on the machine can disturb them. They are repeated once if they fail, and the summary
+lists those that were repeated. No test of numerics is repeated.
+"""
+
 WHOLE_RUNS = {"commands", "plugins"}
 """Folders whose tests are of runs as a whole, not of the parts that these are made of."""
 
@@ -55,6 +69,15 @@ def pytest_configure(config: pytest.Config) -> None:
     named = any("::" in argument for argument in config.invocation_params.args)
     if not config.option.markexpr and not named:
         config.option.markexpr = "not slow"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Repeat disturbed tests once, where the plugin that repeats them is installed."""
+    if not config.pluginmanager.hasplugin("rerunfailures"):
+        return
+    for item in items:
+        if any(item.path.is_relative_to(TESTS / place) for place in DISTURBED):
+            item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 def pytest_collection_finish() -> None:
