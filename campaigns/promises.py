@@ -1,0 +1,100 @@
+"""The table of promises, docs/results/reliability.md, from the records of all campaigns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from campaign import RESULTS, ROOT, Detail, Record
+
+PAGE = ROOT / "docs" / "results" / "reliability.md"
+DEFECTS = Path(__file__).resolve().parent / "defects.yaml"
+
+INTRODUCTION = """# Reliability
+
+Promises of gsfw, how they are tried, and the counts of the last run. `python campaigns` runs all
+campaigns and writes this page. `python campaigns NAME` runs one. `python campaigns table` writes
+the page from the records in `campaigns/results/`. The tests run short forms of all campaigns, with
+planted defects that they must find.
+"""
+
+
+@dataclass(frozen=True)
+class Defect:
+    """A defect that a campaign found and that is mended."""
+
+    campaign: str
+    defect: str
+    test: str
+    """The test that keeps it: ``tests/...py::test_name``."""
+
+
+def defects(path: Path = DEFECTS) -> list[Defect]:
+    """Read the defects that were found."""
+    return [Defect(**each) for each in yaml.safe_load(path.read_text()) or []]
+
+
+def page(records: Sequence[Record], found: Sequence[Defect]) -> str:
+    """The page in Markdown."""
+    return "\n".join(_lines(records, found)) + "\n"
+
+
+def write_page(records_folder: Path = RESULTS) -> Path:
+    """Write the page from the records in a folder."""
+    records = [Record.read(path) for path in sorted(records_folder.glob("*.json"))]
+    PAGE.write_text(page(records, defects()))
+    return PAGE
+
+
+def _lines(records: Sequence[Record], found: Sequence[Defect]) -> Iterator[str]:
+    yield INTRODUCTION
+    yield from _table(
+        ("Promise", "How it is tried", "Figure", "Holds", "Date"),
+        [
+            (each.promise, each.method, each.figure, "yes" if each.holds else "**no**", record.date)
+            for record in records
+            for each in record.promises
+        ],
+    )
+    for record in records:
+        yield f"\n## {record.campaign.replace('-', ' ').capitalize()}\n"
+        duration = _duration(record.seconds)
+        yield f"`{record.command}`, {record.date}, commit {record.commit}, {duration}."
+        yield f"Machine: {record.machine}.\n"
+        for detail in record.details:
+            yield from _detail(detail)
+        if record.failures:
+            yield "Failures:\n"
+            yield from (f"* {line}" for line in record.failures)
+            yield ""
+        mended = [each for each in found if each.campaign == record.campaign]
+        if mended:
+            yield "Defects that were found and mended, each with the test that keeps it:\n"
+            yield from (f"* {each.defect} (`{each.test}`)" for each in mended)
+            yield ""
+
+
+def _detail(detail: Detail) -> Iterator[str]:
+    yield f"{detail.title}\n"
+    yield from _table(detail.columns, detail.rows)
+    yield ""
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str | int | float]]) -> Iterator[str]:
+    yield f"| {' | '.join(columns)} |"
+    yield "|" + " --- |" * len(columns)
+    for row in rows:
+        yield f"| {' | '.join(map(_cell, row))} |"
+
+
+def _cell(value: str | int | float) -> str:
+    text = f"{value:,}" if isinstance(value, int) else f"{value}"
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
