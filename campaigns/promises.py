@@ -10,7 +10,8 @@ import yaml
 from campaign import RESULTS, ROOT, Detail, Record
 
 PAGE = ROOT / "docs" / "results" / "reliability.md"
-DEFECTS = Path(__file__).resolve().parent / "defects.yaml"
+HERE = Path(__file__).resolve().parent
+DEFECTS, KEPT_BY_TESTS = HERE / "defects.yaml", HERE / "kept_by_tests.yaml"
 
 INTRODUCTION = """# Reliability
 
@@ -36,19 +37,35 @@ def defects(path: Path = DEFECTS) -> list[Defect]:
     return [Defect(**each) for each in yaml.safe_load(path.read_text()) or []]
 
 
-def page(records: Sequence[Record], found: Sequence[Defect]) -> str:
+@dataclass(frozen=True)
+class Kept:
+    """A promise that ordinary tests keep."""
+
+    promise: str
+    tests: list[str]
+    """Each as ``tests/...py::test_name``."""
+
+
+def kept_by_tests(path: Path = KEPT_BY_TESTS) -> list[Kept]:
+    """Read the promises that ordinary tests keep."""
+    return [Kept(**each) for each in yaml.safe_load(path.read_text())]
+
+
+def page(records: Sequence[Record], found: Sequence[Defect], kept: Sequence[Kept] = ()) -> str:
     """The page in Markdown."""
-    return "\n".join(_lines(records, found)) + "\n"
+    return "\n".join(_lines(records, found, kept)) + "\n"
 
 
 def write_page(records_folder: Path = RESULTS) -> Path:
     """Write the page from the records in a folder."""
     records = [Record.read(path) for path in sorted(records_folder.glob("*.json"))]
-    PAGE.write_text(page(records, defects()))
+    PAGE.write_text(page(records, defects(), kept_by_tests()))
     return PAGE
 
 
-def _lines(records: Sequence[Record], found: Sequence[Defect]) -> Iterator[str]:
+def _lines(
+    records: Sequence[Record], found: Sequence[Defect], kept: Sequence[Kept]
+) -> Iterator[str]:
     yield INTRODUCTION
     yield from _table(
         ("Promise", "How it is tried", "Figure", "Holds", "Date"),
@@ -58,6 +75,11 @@ def _lines(records: Sequence[Record], found: Sequence[Defect]) -> Iterator[str]:
             for each in record.promises
         ],
     )
+    if kept:
+        yield "\n## Ordinary tests\n"
+        yield "`pytest` and `pytest -m slow` keep these at every change.\n"
+        rows = [(each.promise, "<br>".join(f"`{test}`" for test in each.tests)) for each in kept]
+        yield from _table(("Promise", "Tests"), rows)
     for record in records:
         yield f"\n## {record.campaign.replace('-', ' ').capitalize()}\n"
         duration = _duration(record.seconds)

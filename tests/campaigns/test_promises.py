@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from campaign import Detail, Promise, Record
-from promises import PAGE, Defect, defects, page
+from promises import PAGE, Defect, Kept, defects, kept_by_tests, page
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,10 +47,17 @@ def test_the_page_shows_promises_figures_failures_and_defects(record):
     assert "Not here." not in text
 
 
-def test_every_mended_defect_names_a_test_that_exists():
-    for each in defects():
-        path, _, name = each.test.partition("::")
-        assert re.search(rf"def {re.escape(name)}\(", (ROOT / path).read_text()), each.test
+def test_the_page_names_the_tests_of_other_promises(record):
+    text = page([record], [], [Kept("Two runs never mix.", ["tests/a.py::test_b"])])
+    assert "| Two runs never mix. | `tests/a.py::test_b` |" in text
+
+
+def test_every_defect_and_every_promise_names_tests_that_exist():
+    kept = kept_by_tests()
+    assert kept
+    for test in [each.test for each in defects()] + [test for each in kept for test in each.tests]:
+        path, _, name = test.partition("::")
+        assert re.search(rf"def {re.escape(name)}\(", (ROOT / path).read_text()), test
 
 
 def test_the_page_is_that_of_the_records():
@@ -58,4 +65,4 @@ def test_the_page_is_that_of_the_records():
     records = [Record.read(path) for path in sorted(folder.glob("*.json"))]
     if not records:
         pytest.skip("no campaign has a record")
-    assert PAGE.read_text() == page(records, defects())
+    assert PAGE.read_text() == page(records, defects(), kept_by_tests())
