@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -75,15 +76,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Repeat disturbed tests once, where the plugin that repeats them is installed."""
     if not config.pluginmanager.hasplugin("rerunfailures"):
         return
-    for item in items:
-        if any(item.path.is_relative_to(TESTS / place) for place in DISTURBED):
-            item.add_marker(pytest.mark.flaky(reruns=1))
+    for path, tests in groupby(items, lambda item: item.path):
+        if any(path.is_relative_to(TESTS / place) for place in DISTURBED):
+            for item in tests:
+                item.add_marker(pytest.mark.flaky(reruns=1))
 
 
-def pytest_collection_finish() -> None:
-    """Thousands of tests stay until the end: the garbage collector need not look at them again."""
-    gc.collect()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, Any, Any]:
+    """Thousands of tests stay until the end: the garbage collector need not look at them."""
+    gc.disable()
+    result = yield
     gc.freeze()
+    gc.enable()
+    return result
 
 
 @pytest.hookimpl(wrapper=True)

@@ -4,6 +4,8 @@ jaxtyping makes two empty functions for each of gsfw's: one is called with the a
 call, the other with the arguments and the result after it. The second need not look at the
 arguments again: the sizes that the first has found are still remembered. Most functions are never
 called by one worker's tests, so that the checks of a function are compiled when it is first called.
+Functions within functions are made again at every call of the outer one, and with them their
+checks: this takes longer than most of them do, so that it is left out where nothing is checked.
 """
 
 from collections.abc import Callable
@@ -33,6 +35,23 @@ class Budget:
         cls.left -= 1
         if cls.left == 0:
             jaxtyping.config.update("jaxtyping_disable", True)
+
+
+_DECORATE = jaxtyping.jaxtyped
+
+
+def jaxtyped(*, typechecker: Callable[..., Any]) -> Callable[[Any], Any]:
+    """``jaxtyping.jaxtyped``, but for what functions define while nothing is checked."""
+
+    def decorate(defined: Any) -> Any:
+        inner = "<locals>" in getattr(defined, "__qualname__", "")
+        unchecked = inner and jaxtyping.config.jaxtyping_disable
+        return defined if unchecked else _DECORATE(defined, typechecker=typechecker)
+
+    return decorate
+
+
+jaxtyping.jaxtyped = jaxtyped  # The hook writes this name above every definition.
 
 
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:

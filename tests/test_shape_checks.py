@@ -1,5 +1,6 @@
 """Calls that tests make into gsfw are checked: shapes, types, what goes in and what comes out."""
 
+import jaxtyping
 import pytest
 import torch
 from jaxtyping import Float, TypeCheckError, jaxtyped
@@ -55,3 +56,23 @@ def test_long_loops_go_unchecked_in_the_end():
 def test_the_next_test_is_checked():
     with pytest.raises(TypeCheckError):
         doubled(torch.zeros(4), torch.zeros(4))
+
+
+def outer(rows: Tensor) -> Tensor:
+    """Defines a function as the hook writes it."""
+
+    @jaxtyping.jaxtyped(typechecker=checked)
+    def inner(rows: Float[Tensor, "n 3"]) -> Tensor:
+        return rows
+
+    return inner(rows)
+
+
+def test_functions_within_functions_are_checked_too():
+    with pytest.raises(TypeCheckError):
+        outer(torch.zeros(4))
+
+
+@pytest.mark.unchecked
+def test_functions_within_functions_are_left_as_they_are_where_nothing_is_checked():
+    assert torch.equal(outer(torch.zeros(4)), torch.zeros(4))

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+import step_kernels
 import torch
 from gpu_gsplat import Gsplat
 from gpu_package import ROOT, install_wheels, make_package
@@ -257,14 +258,15 @@ def test_counters_of_kernels_are_read_from_the_table_that_the_profiler_prints(
 
 
 @no_gpu
-def test_the_kernels_of_a_step_need_a_gpu_and_a_chunk_needs_two_numbers():
+def test_the_kernels_of_a_step_need_a_gpu_and_a_chunk_needs_two_numbers(monkeypatch, capsys):
     command = [sys.executable, str(ROOT / "benchmarks" / "step_kernels.py"), "random:10"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stdout.count("\n")) == (3, 1), ended.stderr
-    wrong = [*command, "--chunk", "128"]
-    ended = subprocess.run(wrong, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
-    assert "argument --chunk: invalid" in ended.stderr
+    monkeypatch.setattr("sys.argv", [*command[1:], "--chunk", "128"])
+    with pytest.raises(SystemExit) as caught:
+        step_kernels.main()
+    assert caught.value.code == 2
+    assert "argument --chunk: invalid" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("fault", ["", "an image differs"])

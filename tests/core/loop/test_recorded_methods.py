@@ -35,24 +35,32 @@ def start_some(run):
     model.start_(run.parts.table, rows, torch.full((len(rows),), 0.5))
 
 
+QUICK = {
+    "error": ERROR,
+    "bands": BANDS,
+    "4dgs": MOVING,
+    "spacetime-both": {**SPACETIME, **AUTO, **ADAPTIVE, "lifetime_reg": "0.01"},
+}
+LONG = {
+    "4dgs-colors": {**MOVING, "deform_opacity": "false", "deform_sh": "true"},
+    "4dgs-static": {**MOVING, **AUTO},
+    "4dgs-hash": {**MOVING, "encoder": "hash"},
+    "4dgs-mlp": {**MOVING, "encoder": "mlp", "scale_change": "sum"},
+    "spacetime-static": {**SPACETIME, **AUTO},
+    "spacetime-features": {**SPACETIME, **AUTO, "colors": "features"},
+    "spacetime-adaptive": {**SPACETIME, **ADAPTIVE},
+}
+"""Variants of methods, whose steps are recorded as those of ``QUICK``."""
+
+
 @pytest.mark.parametrize(
     "settings",
     [
-        ERROR,
-        BANDS,
-        MOVING,
-        {**MOVING, "deform_opacity": "false", "deform_sh": "true"},
-        {**MOVING, **AUTO},
-        {**MOVING, "encoder": "hash"},
-        {**MOVING, "encoder": "mlp", "scale_change": "sum"},
-        {**SPACETIME, **AUTO},
-        {**SPACETIME, **AUTO, "colors": "features"},
-        {**SPACETIME, **ADAPTIVE},
-        {**SPACETIME, **AUTO, **ADAPTIVE, "lifetime_reg": "0.01"},
-    ],
-    ids=[
-        *("error", "bands", "4dgs", "4dgs-colors", "4dgs-static", "4dgs-hash", "4dgs-mlp"),
-        *("spacetime-static", "spacetime-features", "spacetime-adaptive", "spacetime-both"),
+        *(pytest.param(settings, id=name) for name, settings in QUICK.items()),
+        *(
+            pytest.param(settings, id=name, marks=pytest.mark.slow)
+            for name, settings in LONG.items()
+        ),
     ],
 )
 def test_recorded_steps_train_as_others_do(tmp_path, settings):

@@ -25,7 +25,13 @@ def state_of(run: Trainer) -> dict:
     return {key: value for key, value in run.state_dict().items() if key != "train_seconds"}
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize(
+    "strategy",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("absgrad", "error") else ())
+        for name in STRATEGIES
+    ],
+)
 def test_losses_fall_and_held_out_pictures_are_met(tmp_path, strategy):
     recorder = Recorder()
     run = trainer(tmp_path, strategy, recorder)

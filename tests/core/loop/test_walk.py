@@ -74,7 +74,9 @@ def test_a_walk_reaches_the_last_step_once_and_rates_end_where_they_should(tmp_p
     )
 
 
-@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
+@pytest.mark.parametrize(
+    "strategy", ["adc", *(pytest.param(name, marks=pytest.mark.slow) for name in ("error", "mcmc"))]
+)
 def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
     runs = [
         trainer(tmp_path / name, strategy=strategy, pace=PACE, held_back="1")
