@@ -38,7 +38,7 @@ class Key:
 def keys(config: object, prefix: str = "") -> Iterator[Key]:
     """All settings of a configuration, except the choices of slots that are still open."""
     kind: type[Any] = type(config)
-    hints = get_type_hints(kind)
+    hints = _annotations(kind)
     nested: list[tuple[str, object]] = []
     for item in fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)
@@ -48,6 +48,12 @@ def keys(config: object, prefix: str = "") -> Iterator[Key]:
             yield Key(prefix + item.name, hints[item.name], value, kind)
     for name, value in nested:
         yield from keys(value, f"{prefix}{name}.")
+
+
+@cache
+def _annotations(kind: type) -> dict[str, Any]:
+    """Types of a dataclass's fields; to evaluate them takes longer than all else of ``keys``."""
+    return get_type_hints(kind)
 
 
 def renamed_keys(config: object, prefix: str = "") -> dict[str, str]:

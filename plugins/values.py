@@ -6,6 +6,7 @@ import math
 import types
 from collections.abc import Callable
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
 
@@ -97,6 +98,7 @@ def describe(kind: Any) -> str:  # noqa: ANN401 - any annotation
     return f"one of {', '.join(choices)}" if choices else str(_constructor(kind).metavar)
 
 
+@cache
 def _constructor(kind: Any) -> PrimitiveConstructorSpec[Any]:  # noqa: ANN401 - any annotation
     with _RULES:
         found = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kind, set()))
