@@ -20,6 +20,7 @@ from support.native_proofs import (  # noqa: F401 - hooks
 )
 from support.small_scene import SHARED_DATA, SMALL_SCENE
 
+from gsfw.charts import style
 from gsfw.commands.interface import progress
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 
@@ -64,6 +65,13 @@ WHOLE_RUNS = {"commands", "plugins"}
 """Folders whose tests are of runs as a whole, not of the parts that these are made of."""
 
 
+CHARTS = {"charts", "reports"}
+"""Folders whose tests look at charts."""
+
+FINE, COARSE = style.DPI, 30
+"""Dots per inch of charts: of every test, and of whole runs that only have to draw some."""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Leave out slow tests, unless they are asked for: by ``-m`` or by the name of a test."""
@@ -97,13 +105,20 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     """Check shapes at every call but those of long loops, unless whole runs are made.
 
     These go thousands of times through what the tests of the parts have checked, and would take two
-    to three times as long.
+    to three times as long. Charts are a quarter of the work of a short run, and smaller ones less.
     """
     marks = {mark.name for mark in item.iter_markers()}
     folders = set(item.path.relative_to(TESTS).parts[:-1])
     whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
     Budget.start(0 if whole else MOST_CHECKS)
+    draw_at(COARSE if whole and not folders & CHARTS else FINE)
     return (yield)
+
+
+def draw_at(dpi: int) -> None:
+    """Set the resolution of charts."""
+    style.DPI = dpi
+    style.SETTINGS |= {"figure.dpi": dpi, "savefig.dpi": dpi}
 
 
 @pytest.hookimpl(wrapper=True)

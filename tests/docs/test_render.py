@@ -7,6 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from support.sampling import sampled
 
 from gsfw.commands.main import main
 from gsfw.commands.render import RenderOptions
@@ -17,6 +18,9 @@ from gsfw.rendering.path_files import read_path_file
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "guides" / "render.md").read_text()
 
 COMMANDS = re.findall(r"^gsfw render .*?(?=\s+#|$)", PAGE, re.MULTILINE)
+
+QUICK = ("channel=photo", "camera=path.json", "images=exr", "tracks=true")
+"""Words of commands that run in plain ``pytest``: views, a path, an orbit, and what moves."""
 
 KEY_FRAMES = re.search(r"```json\n(.*?)```", PAGE, re.DOTALL)
 
@@ -31,7 +35,13 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    sampled(
+        [(command,) for command in COMMANDS],
+        [place for place, line in enumerate(COMMANDS) if any(word in line for word in QUICK)],
+    ),
+)
 def test_a_command_of_the_page_runs(command, folder, trained, finished_run):
     moves = re.search(r"time|motion|tracks", command)
     run = finished_run

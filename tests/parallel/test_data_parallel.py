@@ -4,6 +4,7 @@ Threads stand for processes here; tests/parallel/test_processes.py has real ones
 """
 
 from dataclasses import replace
+from functools import cache
 from itertools import count
 
 import pytest
@@ -41,13 +42,25 @@ def trained(folder, size: int, strategy: str = "adc", steps: int = STEPS, **opti
     return results[0]
 
 
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
-@pytest.mark.parametrize("size", [2, 3])
-def test_any_number_of_processes_trains_the_same_bits(tmp_path, strategy, size):
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """Gives the state that one process trains with a strategy on four views of a step."""
+
+    @cache
+    def state(strategy: str):
+        return trained(tmp_path_factory.mktemp("alone"), 1, strategy, views_per_step=4)[0]
+
+    return state
+
+
+@pytest.mark.parametrize(
+    ("size", "strategy"),
+    [(2, "adc"), (2, "mcmc"), (3, "adc"), pytest.param(3, "mcmc", marks=pytest.mark.slow)],
+)
+def test_any_number_of_processes_trains_the_same_bits(tmp_path, alone, size, strategy):
     # Four views of a step: with three processes, two of them have none in the second round.
-    one, _ = trained(tmp_path, 1, strategy, views_per_step=4)
     several, _ = trained(tmp_path, size, strategy, views_per_step=4)
-    assert_same_bits(one, several)
+    assert_same_bits(alone(strategy), several)
 
 
 def test_processes_without_a_view_train_too(tmp_path):
@@ -101,8 +114,7 @@ def test_the_bytes_are_those_of_the_formula(tmp_path):
     assert summary["processes"] == size
 
 
-def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
-    whole, _ = trained(tmp_path / "whole", 1, views_per_step=4)
+def test_a_run_goes_on_with_another_number_of_processes(tmp_path, alone):
     trained(tmp_path / "parts", 2, views_per_step=4, checkpoint_every=10)
     state = read_checkpoint(RunFolder(tmp_path / "parts" / "2-0").checkpoint(20))
 
@@ -115,7 +127,7 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
         run.fit()
         return {k: v for k, v in run.state_dict().items() if k != "train_seconds"}
 
-    assert_same_bits(in_threads(3, go_on)[0], whole)
+    assert_same_bits(in_threads(3, go_on)[0], alone("adc"))
 
 
 def test_refiners_that_read_images_get_those_of_other_processes(tmp_path):

@@ -3,6 +3,7 @@
 import pytest
 import torch
 from support.recorded_run import Run
+from support.sampling import sampled
 
 from gsfw.core.loop.recordable import can_be_recorded
 from gsfw.methods.gaussians3d.opacity_penalty import OpacityPenalty
@@ -24,6 +25,21 @@ ERROR = {
 }
 BANDS = {"sh": "adaptive", "bands.every": "8", "bands.grow_stop": "8", "bands.stop": "16"}
 
+CASES = {
+    "error": ERROR,
+    "bands": BANDS,
+    "4dgs": MOVING,
+    "spacetime-both": {**SPACETIME, **AUTO, **ADAPTIVE, "lifetime_reg": "0.01"},
+    "4dgs-colors": {**MOVING, "deform_opacity": "false", "deform_sh": "true"},
+    "4dgs-static": {**MOVING, **AUTO},
+    "4dgs-hash": {**MOVING, "encoder": "hash"},
+    "4dgs-mlp": {**MOVING, "encoder": "mlp", "scale_change": "sum"},
+    "spacetime-static": {**SPACETIME, **AUTO},
+    "spacetime-features": {**SPACETIME, **AUTO, "colors": "features"},
+    "spacetime-adaptive": {**SPACETIME, **ADAPTIVE},
+}
+"""A strategy, bands, each method that is recorded, and then their variants."""
+
 # Whole runs; shapes are checked by the tests of the parts.
 pytestmark = [pytest.mark.unchecked, pytest.mark.usefixtures("unknown_to_the_host")]
 
@@ -35,35 +51,9 @@ def start_some(run):
     model.start_(run.parts.table, rows, torch.full((len(rows),), 0.5))
 
 
-QUICK = {
-    "error": ERROR,
-    "bands": BANDS,
-    "4dgs": MOVING,
-    "spacetime-both": {**SPACETIME, **AUTO, **ADAPTIVE, "lifetime_reg": "0.01"},
-}
-LONG = {
-    "4dgs-colors": {**MOVING, "deform_opacity": "false", "deform_sh": "true"},
-    "4dgs-static": {**MOVING, **AUTO},
-    "4dgs-hash": {**MOVING, "encoder": "hash"},
-    "4dgs-mlp": {**MOVING, "encoder": "mlp", "scale_change": "sum"},
-    "spacetime-static": {**SPACETIME, **AUTO},
-    "spacetime-features": {**SPACETIME, **AUTO, "colors": "features"},
-    "spacetime-adaptive": {**SPACETIME, **ADAPTIVE},
-}
-"""Variants of methods, whose steps are recorded as those of ``QUICK``."""
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        *(pytest.param(settings, id=name) for name, settings in QUICK.items()),
-        *(
-            pytest.param(settings, id=name, marks=pytest.mark.slow)
-            for name, settings in LONG.items()
-        ),
-    ],
-)
-def test_recorded_steps_train_as_others_do(tmp_path, settings):
+@pytest.mark.parametrize("case", sampled([(name,) for name in CASES], range(4)))
+def test_recorded_steps_train_as_others_do(tmp_path, case):
+    settings = CASES[case]
     usual = Run(tmp_path / "usual", False, **settings)
     recorded = Run(tmp_path / "recorded", True, **settings)
     expected, found = (run.steps(12) for run in (usual, recorded))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from support.sampling import sampled
 from support.small_scene import SMALL_SCENE
 from support.states import assert_same_bits
 
@@ -74,9 +75,7 @@ def test_a_walk_reaches_the_last_step_once_and_rates_end_where_they_should(tmp_p
     )
 
 
-@pytest.mark.parametrize(
-    "strategy", ["adc", *(pytest.param(name, marks=pytest.mark.slow) for name in ("error", "mcmc"))]
-)
+@pytest.mark.parametrize("strategy", sampled([("adc",), ("error",), ("mcmc",)], [0]))
 def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
     runs = [
         trainer(tmp_path / name, strategy=strategy, pace=PACE, held_back="1")
