@@ -38,7 +38,7 @@ class Key:
 def keys(config: object, prefix: str = "") -> Iterator[Key]:
     """All settings of a configuration, except the choices of slots that are still open."""
     kind: type[Any] = type(config)
-    hints = _annotations(kind)
+    hints = _annotations(kind)  # type: ignore[arg-type]  # To mypy, types are not Hashable.
     nested: list[tuple[str, object]] = []
     for item in fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)
