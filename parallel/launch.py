@@ -10,6 +10,7 @@ import logging
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
@@ -19,6 +20,8 @@ from typing import Any
 import torch
 import torch.distributed as dist
 from torch.distributed import (  # type: ignore[attr-defined]
+    FileStore,
+    HashStore,
     PrefixStore,
     Store,
     TCPStore,
@@ -34,6 +37,10 @@ from gsfw.parallel.shared_memory import group_on
 
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")
+STORE = "GSFW_STORE"
+"""Environment variable: the file by which processes of ``run_workers`` find one another. torch's
+own way is a server that listens on every interface and lets in whoever comes: who reaches it can
+send processes to addresses of theirs, and processes trust what they receive from one another."""
 FAILED = 1
 
 
@@ -50,7 +57,8 @@ def connected(device: torch.device, shards: int = 0) -> Iterator[Team]:
     """
     size = world()
     if size is None:
-        store: Store | None = TCPStore(LOCAL, 0, world_size=1, is_master=True)
+        store: Store | None = HashStore()
+        os.environ.update(_on_loopback())
     else:
         torch.set_num_threads(_threads())
         store = _of_this_start(size)
@@ -70,7 +78,7 @@ def connected(device: torch.device, shards: int = 0) -> Iterator[Team]:
 
 
 def _of_this_start(size: int) -> Store | None:
-    """The store of torchrun, with keys of this start of the processes; ``None`` without one.
+    """The store of the launcher, with keys of this start of the processes; ``None`` without one.
 
     torchrun keeps one store for all starts: under their usual keys, restarted processes may find
     the addresses of those that have ended, and wait for them.
@@ -100,8 +108,10 @@ def run_of_launcher() -> Path | None:
     return Path(store.get(_key()).decode())
 
 
-def _kept_by_launcher() -> TCPStore | None:
-    """The store of torchrun, which outlives the processes; ``None`` under other launchers."""
+def _kept_by_launcher() -> Store | None:
+    """The store of a launcher, which outlives its processes; ``None`` under unknown launchers."""
+    if os.environ.get(STORE):
+        return FileStore(os.environ[STORE], -1)  # For any number of processes; it stays.
     if os.environ.get("TORCHELASTIC_USE_AGENT_STORE") != "True":
         return None
     port = int(os.environ["MASTER_PORT"])
@@ -136,23 +146,23 @@ def run_workers(arguments: Sequence[str], processes: int) -> int:
 
     # Failures are reported here, in the words of gsfw.
     logging.getLogger("torch.distributed.elastic").setLevel(logging.CRITICAL)
-    store = TCPStore(LOCAL, 0, is_master=True, wait_for_workers=False)
-    environments = {rank: _environment(rank, processes, store.port) for rank in range(processes)}
-    workers = start_processes(
-        "gsfw",
-        sys.executable,
-        args={rank: (*MODULE, *arguments) for rank in range(processes)},
-        envs=environments,
-        logs_specs=DefaultLogsSpecs(),
-    )
-    pids = workers.pids()
-    while True:
-        try:
-            result = workers.wait(period=0.1)
-            break
-        except SignalException as received:
-            for pid in pids.values():
-                _send(pid, received.sigval)
+    with tempfile.TemporaryDirectory(prefix="gsfw-processes-") as folder:  # This user's alone.
+        store = str(Path(folder, "store"))
+        workers = start_processes(
+            "gsfw",
+            sys.executable,
+            args={rank: (*MODULE, *arguments) for rank in range(processes)},
+            envs={rank: _environment(rank, processes, store) for rank in range(processes)},
+            logs_specs=DefaultLogsSpecs(),
+        )
+        pids = workers.pids()
+        while True:
+            try:
+                result = workers.wait(period=0.1)
+                break
+            except SignalException as received:
+                for pid in pids.values():
+                    _send(pid, received.sigval)
     if result is None or not result.is_failed():
         return 0
     return _report({rank: failure.exitcode for rank, failure in result.failures.items()})
@@ -165,21 +175,23 @@ def _send(pid: int, number: int) -> None:
         return
 
 
-def _environment(rank: int, processes: int, port: int) -> dict[str, str]:
-    """The variables by which a process finds the others, as torchrun sets them."""
+def _environment(rank: int, processes: int, store: str) -> dict[str, str]:
+    """The variables by which a process finds the others: those of torchrun, and the store."""
     found = {
         "RANK": str(rank),
         "LOCAL_RANK": str(rank),
         "WORLD_SIZE": str(processes),
         "LOCAL_WORLD_SIZE": str(processes),
         "MASTER_ADDR": LOCAL,
-        "MASTER_PORT": str(port),
-        "TORCHELASTIC_USE_AGENT_STORE": "True",
+        STORE: store,
         "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", str(max(cores() // processes, 1))),
     }
-    if sys.platform == "linux":  # Not an address of this machine that may be unreachable.
-        found["GLOO_SOCKET_IFNAME"] = "lo"
-    return found
+    return found | _on_loopback()
+
+
+def _on_loopback() -> dict[str, str]:
+    """Variables by which gloo uses no address of this machine that others may reach, or nobody."""
+    return {"GLOO_SOCKET_IFNAME": "lo"} if sys.platform == "linux" else {}
 
 
 def _report(codes: dict[int, int]) -> int:

@@ -15,7 +15,6 @@ import hashlib
 import io
 import json
 import os
-import tempfile
 from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +28,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.file_use import if_unused, in_turn, in_use
 from gsfw.core.files.remote import RemoteFile, RemoteSource, is_remote
-from gsfw.core.files.user_folder import cache_root
+from gsfw.core.files.user_folder import cache_root, temporary_root
 from gsfw.core.progress import stage, tracked
 from gsfw.core.words import size
 
@@ -115,13 +114,14 @@ class Mirror:
 
         Raises:
             DataError: it cannot be read, or these files are more than ``most`` and ``SMALL``.
+            OutputError: a user without a home has no place of their own for it.
         """
         self.most = most
         """Most bytes of whole images in the folder; one is kept even if it has more."""
         self._source = RemoteSource(address)
         with stage(f"listing {address}"):
             self._files = self._source.files()
-        root = cache_root() or Path(tempfile.gettempdir(), "gsfw")
+        root = cache_root() or temporary_root()
         key = hashlib.blake2b(address.encode(), digest_size=6).hexdigest()
         self.path = (root / "remote" / key / address.rpartition("/")[2]).resolve()
         self._lock = Lock()

@@ -10,7 +10,8 @@ import socket
 import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
@@ -26,6 +27,9 @@ ANSWER = 10.0
 """Seconds for a machine to answer."""
 
 LAST_PORT = 65535
+
+CLUSTERS = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+"""Variable that lets Ray's processes listen on loopback alone, on Linux too, where it is 0."""
 
 START = "ray start --head makes this machine one, ray.address=local uses this machine alone."
 
@@ -69,7 +73,8 @@ def connect(address: str) -> bool:
     # Ray takes over SIGTERM, which has its meaning here.
     before = signal.getsignal(signal.SIGTERM)
     try:
-        with warnings.catch_warnings():
+        within = _on_loopback() if address == "local" else nullcontext()
+        with within, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             ray.init(
                 address=address,
@@ -89,6 +94,26 @@ def connect(address: str) -> bool:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, before)
     return True
+
+
+@contextmanager
+def _on_loopback() -> Iterator[None]:
+    """Let the processes that Ray starts listen on loopback alone; a user's own value stays.
+
+    They listen on every interface otherwise, and run the code of whoever connects to them.
+    """
+    constants = import_module("ray._private.ray_constants")
+    if CLUSTERS in os.environ or not hasattr(constants, "ENABLE_RAY_CLUSTER"):
+        yield
+        return
+    before = constants.ENABLE_RAY_CLUSTER
+    os.environ[CLUSTERS] = "0"
+    setattr(constants, "ENABLE_RAY_CLUSTER", False)  # noqa: B010
+    try:
+        yield
+    finally:
+        setattr(constants, "ENABLE_RAY_CLUSTER", before)  # noqa: B010
+        del os.environ[CLUSTERS]
 
 
 def _silence() -> None:
