@@ -37,8 +37,8 @@ CASES = ("rasterizer=reference", "dtype=float32", "only=shape/discs")
 BLOCKS = ("steps=3", "coarse.steps=3", "coarse.points=100", "report=false")
 
 OF_RAY = "executor=ray"
-"""The word that asks for Ray. Its own processes ask the address at which clouds tell a machine where
-it runs (169.254.169.254, metadata.google.internal), though its usage statistics are off."""
+"""The word that asks for Ray. Its own processes ask the address at which clouds tell a machine
+where it runs (169.254.169.254, metadata.google.internal), though its usage statistics are off."""
 
 USES: tuple[tuple[str, ...], ...] = (
     ("train", "method=3dgs", *SCENE, "steps=4", "checkpoint_every=2", "out=run"),

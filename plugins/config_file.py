@@ -13,6 +13,7 @@ import yaml
 
 from gsfw.core.config import INIT_WORDS
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.expanded import check_expanded
 from gsfw.plugins.registry import package
 from gsfw.plugins.settings import Layer, Settings
 from gsfw.plugins.specs import PROJECT
@@ -90,7 +91,7 @@ def read_config(path: Path, everything: bool = False) -> Layer:
             given values, from which the rest is resolved again. Any other file is read in full.
 
     Raises:
-        ConfigError: it is missing, is no YAML mapping, or was written by a newer gsfw; or
+        ConfigError: it is missing, too large, no YAML mapping, or written by a newer gsfw; or
             ``given`` or ``planned`` is not a list of its keys.
     """
     where = f"config file {path}"
@@ -105,6 +106,7 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         raise ConfigError(
             f"{where}: this is not valid YAML: {problem}.", "Write one 'key: value' on each line."
         ) from None
+    check_expanded(where, document)
     if document is None:
         document = {}
     if not isinstance(document, dict):

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.expanded import check_expanded
 from gsfw.plugins.keys import suggest_key
 from gsfw.plugins.values import plain
 from gsfw.studies.study import COLUMNS, Rule, Study, matches, slug
@@ -29,6 +30,7 @@ def read_study(path: Path) -> Study:
     """
     where = f"study {path}"
     document = _document(path)
+    check_expanded(f"study {path}", document)
     if not isinstance(document, dict):
         raise ConfigError(
             f"{where}: expected 'key: value' on each line, found {_kind(document)}.",
