@@ -21,11 +21,16 @@ LOADS_FOR_SCRIPTS = {"compat/cuda_on_cpu.py"}
 """torch.load as a script of the user's own calls it."""
 SERVES, ASKS = {"viewer/server.py"}, {"jobs/ray/cluster.py"}
 """Modules with a socket of their own: the page's, and the question whether a cluster answers."""
+STARTS = {
+    *("jobs/guard.py", "jobs/process.py", "preparation/mapping/global_mapping.py"),
+    *("studies/bench/first_use.py", "studies/origin.py", "testing/everywhere.py"),
+}
+"""Modules that start programs: Python itself and git, never one with a name from a data set."""
 SAFE_LOADERS = {"LOADER", "_Loader"}
 """Names of loaders that derive from PyYAML's safe one (the second test)."""
 
 SUSPECT = re.compile(
-    r"eval|exec|os\.(system|popen)|mktemp|marshal|shell|pickle|load|extract|url|request|http|socket"
+    r"eval|exec|os\.(system|popen)|mktemp|marshal|shell|subprocess|spawn|pickle|load|extract|url|request|http|socket"
 )
 """Words without one of which a source need not be parsed, which takes most of the time."""
 
@@ -80,6 +85,9 @@ RULES: dict[str, Callable[[Call, str], bool]] = {
     "has no allow_pickle=False": lambda call, place: (
         call.name in ("np.load", "numpy.load") and not call.gives("allow_pickle", "False")
     ),
+    "starts a program": lambda call, place: (
+        call.name.startswith(("subprocess.", "os.spawn", "os.exec")) and place not in STARTS
+    ),
     "has no safe loader": loads_yaml_unsafely,
     "has no filter='data'": lambda call, place: (
         call.last in ("extractall", "extract") and not call.gives("filter", "'data'")
@@ -122,7 +130,8 @@ def test_no_call_runs_what_it_reads_or_reaches_out():
     "line",
     [
         "eval(text)",
-        "subprocess.run(text, shell=True)",
+        "start(text, shell=True)",
+        "subprocess.run([name])",
         "pickle.loads(file.read())",
         "torch.load(path)",
         "torch.load(path, weights_only=False)",
@@ -155,3 +164,10 @@ def test_the_loaders_of_settings_and_studies_make_no_objects(tmp_path, document)
     assert issubclass(study_file._Loader, yaml.SafeLoader)
     with pytest.raises(ConfigError, match="python"):
         read_config(path)
+
+
+def test_every_test_that_the_threat_model_names_exists():
+    page = (ROOT / "docs" / "explain" / "threat-model.md").read_text("utf-8")
+    named = set(re.findall(r"`((?:tests|campaigns)/[\w/]+\.py)`", page))
+    assert len(named) > 10
+    assert not [name for name in named if not (ROOT / name).is_file()]

@@ -21,7 +21,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         ),
         "explain": (
             "Explanations",
-            ("how-splatting-works", "numerics", "one-step", "architecture"),
+            ("how-splatting-works", "numerics", "one-step", "architecture", "threat-model"),
         ),
         "plugins": (
             "Plugins",

@@ -3,6 +3,7 @@
 import math
 import os
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -18,6 +19,7 @@ from gsfw.jobs.job import Call, Job, Resources
 from gsfw.jobs.local import LocalExecutor
 from gsfw.jobs.moved_job import moved
 from gsfw.jobs.packed_folder import pack, unpack
+from gsfw.jobs.process import JobProcess
 
 SCRIPT = """
 import json, os, pathlib, signal, sys, time
@@ -171,3 +173,15 @@ def test_a_folder_arrives_as_it_left(tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "b").iterdir()] == ["deep"]
     assert (tmp_path / "b/deep/file").read_bytes() == bytes(range(256)) * 20
     assert {path.name for path in tmp_path.iterdir()} == {"a", "b"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes are those of POSIX")
+def test_the_pickle_of_a_call_is_where_nobody_else_can_write():
+    process = JobProcess(Job("call", Call(os.getcwd)))
+    try:
+        assert process._call is not None
+        assert stat.S_IMODE(process._call.stat().st_mode) == 0o700
+        assert process._call.stat().st_uid == os.getuid()
+    finally:
+        process.stop()
+        process.wait()

@@ -1,13 +1,16 @@
 """Room on the machines of a cluster, and what is said where there is none; without Ray."""
 
 import builtins
+import os
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.jobs.job import Resources
-from gsfw.jobs.ray.cluster import Cluster, Machine, connect
+from gsfw.jobs.ray import cluster as ray_cluster
+from gsfw.jobs.ray.cluster import CLUSTERS, Cluster, Machine, connect
 
 GB = 1e9
 PLAIN, SMALL = Machine(16.0, 0.0, 64 * GB), Machine(8.0, 0.0, 32 * GB)
@@ -80,3 +83,36 @@ def test_without_ray_its_installation_is_named(monkeypatch):
         connect("local")
     assert caught.value.message.startswith("executor=ray needs Ray, which cannot be imported")
     assert caught.value.advice == "Install it with: pip install 'gsfw[ray]'"
+
+
+def fake_ray(monkeypatch) -> tuple[SimpleNamespace, list]:
+    """Ray's constants, and what these and the environment are when it starts."""
+    constants, seen = SimpleNamespace(ENABLE_RAY_CLUSTER=True), []
+    ray = SimpleNamespace(
+        is_initialized=lambda: False,
+        init=lambda **settings: seen.append(
+            (constants.ENABLE_RAY_CLUSTER, os.environ.get(CLUSTERS))
+        ),
+        exceptions=SimpleNamespace(RayError=RuntimeError),
+    )
+    monkeypatch.setattr(ray_cluster, "load_ray", lambda: ray)
+    monkeypatch.setattr(ray_cluster, "import_module", lambda name: constants)
+    monkeypatch.setattr(ray_cluster, "_check", lambda address: None)
+    monkeypatch.delenv(CLUSTERS, raising=False)
+    return constants, seen
+
+
+def test_the_processes_of_one_machine_listen_on_loopback_alone(monkeypatch):
+    constants, seen = fake_ray(monkeypatch)
+    assert connect("local")
+    assert seen == [(False, "0")]
+    assert constants.ENABLE_RAY_CLUSTER
+    assert CLUSTERS not in os.environ
+
+
+def test_a_cluster_of_several_machines_and_a_users_own_value_stay(monkeypatch):
+    _, seen = fake_ray(monkeypatch)
+    connect("10.0.0.1:6379")
+    monkeypatch.setenv(CLUSTERS, "1")
+    connect("local")
+    assert seen == [(True, None), (True, "1")]
