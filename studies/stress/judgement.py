@@ -3,7 +3,7 @@
 Ordinary scenes: relative L2 of an image 1e-5, but for at most 0.05 % of its pixels, whose list of
 splats may differ by a rounding at a cut-off (a flip); gradients 1e-3, without cut-offs 1e-4.
 Where a case is ill-conditioned, as near as plain float32 is. Float64: 1e-12; where a case is
-ill-conditioned, as near as the reference stays to itself when the pose is rounded once more.
+ill-conditioned, as near as the reference stays to itself when its inputs are rounded once more.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ NO_WORSE = 3.0
 """Factor by which a backend may exceed the errors of plain float32, since each rounds elsewhere."""
 HOPELESS = 0.1
 """Error of plain float32 from which on even float64 is not trusted."""
-FLOAT64_GAIN = 1e-6
-"""Largest error of float64, which has 29 bits more, as part of the error of plain float32."""
+FLOAT64_GAIN = 2.0**-29
+"""Error of the same operations in float64, which has 29 bits more, as part of that in float32."""
 
 
 def not_finite(found: Drawn) -> list[str]:
@@ -148,16 +148,16 @@ def faults_of_float64_where_ill(
         found: in float64.
         expected: the reference in float64.
         plain: the reference in float32.
-        nudged: the reference in float64 for poses that are off by a few roundings. Its errors are
-            those that any backward stable order of operations may have, on every processor; plain
-            float32 is one sample of them, and may be exact by chance.
+        nudged: the reference in float64 for inputs that are off by a few roundings. Its errors
+            are those that any backward stable order of operations may have, on every processor;
+            plain float32 is one sample of them, and may be exact by chance.
     """
     conditioned = {name: distance(plain[name], expected[name], name) for name in expected}
     known = {name: tensor for name, tensor in expected.items() if conditioned[name] < HOPELESS}
     bounds = {}
     for name, tensor in known.items():
         moved = max(distance(other[name], tensor, name) for other in nudged)
-        bounds[name] = max(FLOAT64, FLOAT64_GAIN * conditioned[name], NO_WORSE * moved)
+        bounds[name] = max(FLOAT64, NO_WORSE * max(moved, FLOAT64_GAIN * conditioned[name]))
     return not_finite(found) or faults_of_float64(found, known, bounds)
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 import torch
+from torch import Tensor
 
 from gsfw.core.capabilities import Determinism, Feature
 from gsfw.core.errors import UserError
@@ -42,9 +43,9 @@ ALL: frozenset[Feature] = frozenset()
 """No feature is left out of a case."""
 
 NUDGES = (0, 1, 2)
-"""Seeds of poses that are off by roundings."""
+"""Seeds of inputs that are off by roundings."""
 NUDGE = 2.0**-51
-"""Most by which a number of such a pose is off, relatively: some roundings of float64."""
+"""Most by which a number of such an input is off, relatively: some roundings of float64."""
 
 NUMBER = re.compile(r"(?<![-.\d])\d+")
 """A whole number that is not negative."""
@@ -85,9 +86,9 @@ class Oracle:
     def nudged(
         self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
     ) -> list[Drawn]:
-        """In float64, for poses off by some roundings: how far any other order of sums may be.
+        """In float64, for inputs off by some roundings: how far any other order of sums may be.
 
-        A pose moves all splats together, so that equal depths stay equal.
+        Positions are moved by the pose alone, all together, so that equal depths stay equal.
         """
         exact = case.make().double()
         return [
@@ -113,12 +114,29 @@ class Oracle:
 
 
 def _nudged(drawing: Drawing, seed: int) -> Drawing:
-    """The drawing with every number of its poses off by at most ``NUDGE``, relatively."""
-    pose = drawing.cameras.world_to_camera
+    """The drawing with every number but positions and colours off by at most ``NUDGE``, relatively.
+
+    Colours are summed, which is well conditioned. Covariances stay positive as they are.
+    """
     generator = torch.Generator().manual_seed(seed)
-    noise = torch.rand(pose.shape, generator=generator, dtype=pose.dtype) * 2 - 1
-    cameras = replace(drawing.cameras, world_to_camera=pose * (1 + NUDGE * noise))
-    return replace(drawing, cameras=cameras)
+
+    def off(tensor: Tensor) -> Tensor:
+        noise = torch.rand(tensor.shape, generator=generator, dtype=tensor.dtype) * 2 - 1
+        return tensor * (1 + NUDGE * noise)
+
+    cameras, splats = drawing.cameras, drawing.splats
+    cameras = replace(
+        cameras,
+        world_to_camera=off(cameras.world_to_camera),
+        intrinsics=off(cameras.intrinsics),
+    )
+    splats = replace(
+        splats,
+        opacities=off(splats.opacities).clamp(max=1),
+        quats=None if splats.quats is None else off(splats.quats),
+        scales=None if splats.scales is None else off(splats.scales),
+    )
+    return replace(drawing, cameras=cameras, splats=splats)
 
 
 def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Oracle) -> CaseResult:

@@ -227,3 +227,28 @@ def test_a_rotor_that_is_not_normalised_is_caught_by_a_named_case(monkeypatch):
         slices, "normalised", lambda quats: quats / (quats.norm(dim=1, keepdim=True) + 1e-6)
     )
     assert measure_moving(case, "4d-rotor", model, torch.float32).faults
+
+
+class Slanted(torch.autograd.Function):
+    """The identity, whose gradient is off by a part of it."""
+
+    @staticmethod
+    def forward(context, values: Tensor, part: float) -> Tensor:
+        context.part = part
+        return values.clone()
+
+    @staticmethod
+    def backward(context, gradient: Tensor) -> tuple[Tensor, None]:
+        return gradient * (1 + context.part), None
+
+
+def test_a_small_error_of_a_gradient_is_caught_in_float64_although_its_case_is_ill_conditioned():
+    name = "depth/to-1e9/fisheye-no-cut-offs"
+
+    def slanted(drawing: Drawing, draw: Draw) -> RenderOutput:
+        means = Slanted.apply(drawing.splats.means, 1e-8)
+        return draw(replace(drawing, splats=replace(drawing.splats, means=means)))
+
+    (fault,) = verdict(Faulty(slanted), name, torch.float64).faults
+    assert fault.startswith("gradient of means is off by 1.0e-08")
+    assert verdict(Faulty(lambda drawing, draw: draw(drawing)), name, torch.float64).passed
