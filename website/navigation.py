@@ -41,7 +41,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
                 *("stress", "findings"),
             ),
         ),
-        "reference": ("Reference", ("verbs", "settings", "api", "glossary")),
+        "reference": ("Reference", ("verbs", "settings", "api", "glossary", "licences")),
         "": ("Help", ("troubleshooting",)),
     }
 )
