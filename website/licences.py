@@ -54,13 +54,13 @@ def licence(package: Distribution) -> str:
     """Name of a package's licence, as its metadata state it."""
     metadata: Mapping[str, str] = package.metadata  # type: ignore[assignment]
     classifiers = package.metadata.get_all("Classifier") or []
-    names = [
-        line.rpartition(" :: ")[2] for line in classifiers if line.startswith("License ::")
-    ]
+    names = [line.rpartition(" :: ")[2] for line in classifiers if line.startswith("License ::")]
     stated = metadata.get("License-Expression") or ""
     short = (metadata.get("License") or "").strip().partition("\n")[0]
     written = short if 0 < len(short) <= LONGEST and short.upper() != "UNKNOWN" else ""
-    return stated or ", ".join(name for name in names if name != "OSI Approved") or written or UNKNOWN
+    return (
+        stated or ", ".join(name for name in names if name != "OSI Approved") or written or UNKNOWN
+    )
 
 
 def is_copyleft(name: str) -> bool:
