@@ -26,9 +26,9 @@ LONGEST = 80
 
 INTRODUCTION = """# Licences
 
-gsfw is licensed under Apache-2.0. These are the packages that it needs, and what their metadata say
-of their licences. `python website/licences.py` writes this page. None is under the GPL (a test reads
-the metadata of what is installed). `.ci/sbom FILE.json` writes an SBOM (CycloneDX) of an
+gsfw is licensed under Apache-2.0. These are the packages that it needs, and what their metadata
+say of their licences. `python website/licences.py` writes this page. None is under the GPL (a test
+reads the metadata of what is installed). `.ci/sbom FILE.json` writes an SBOM (CycloneDX) of an
 environment, with versions.
 
 Wheels bundle native libraries under licences of their own: NumPy, SciPy and torch the runtime of
