@@ -106,6 +106,15 @@ def differ(first: np.ndarray, second: np.ndarray) -> bool:
     return float((np.abs(first - second).max(2) > 25).mean()) > 1e-3
 
 
+def test_the_page_asks_no_other_machine_for_anything(browser, tmp_path):
+    with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
+        settle(session)
+        asked = [place for place in page.requests() if not place.startswith(("data:", "blob:"))]
+        own = session.server.address
+        assert asked
+        assert not [place for place in asked if not place.startswith(own)]
+
+
 def test_the_splats_of_the_page_are_those_of_a_direct_render(browser, tmp_path):
     model = still_model(count=400, rasterizer=fast_rasterizer())
     with shown(browser, tmp_path, model) as (session, page):

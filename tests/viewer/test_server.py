@@ -37,10 +37,10 @@ def small(tmp_path_factory):
         yield session
 
 
-def status(port, path):
+def status(port, path, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     try:
-        connection.request("GET", path)
+        connection.request("GET", path, headers=headers)
         return connection.getresponse().status
     finally:
         connection.close()
@@ -68,6 +68,17 @@ def test_a_camera_that_moves_changes_the_frame(small):
 @pytest.mark.parametrize("path", ["/", "/wrong/", "/index.html", "//", "/%2e%2e/"])
 def test_nothing_is_served_without_the_secret(small, path):
     assert status(small.server.port, path) == 403
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},  # A name that leads here: DNS rebinding.
+        {"Origin": "https://evil.example", "Upgrade": "websocket", "Connection": "Upgrade"},
+    ],
+)
+def test_pages_of_others_do_not_know_the_secret_and_are_refused(small, headers):
+    assert status(small.server.port, "/", **headers) == 403
 
 
 def test_the_page_is_served_with_the_secret(small):
