@@ -11,7 +11,7 @@ from importlib import import_module
 from campaign import Campaign, Record, commit, machine
 from promises import write_page
 
-CAMPAIGNS: tuple[str, ...] = ("no_network", "processors")
+CAMPAIGNS: tuple[str, ...] = ("no_network", "processors", "damaged_inputs")
 """Modules with a ``CAMPAIGN``, in the order of the page."""
 
 

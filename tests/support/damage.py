@@ -51,6 +51,14 @@ STRETCHED = 40_000
 """Length of a run of one character: a parser that is quadratic in it takes longer than it may."""
 COUNTED = 1 << 20
 """Numbers of four bytes from 1 to this are taken for lengths and counts."""
+NAME = re.compile(rb"[\w.-]*[A-Za-z_][\w./-]{2,}")
+"""Words of a text that may be names of files, cameras or settings."""
+FOREIGN_NAMES = (
+    *(b"../outside.png", b"../../../../etc/passwd", b"/etc/passwd", b"/dev/zero", b"/dev/full"),
+    *(b"~", b"CON", b"nul.png", b"C:/a.png", b"\\\\\\\\host\\\\a", b"", b".", b"..", b"a/../a", b"x" * 5000),
+    *(b"a\\u0000b", b"a\0b", "\u00e4\u4e2d.png".encode(), b"\\ud800", b"\xff\xfe", b"%n%s", b" ", b"-", b"*"),
+)
+"""Names that leave the folder, that no system has, or that only some have."""
 
 Change = Callable[[Random, bytes, Sequence[bytes]], bytes]
 
@@ -65,10 +73,24 @@ def damaged(whole: bytes, others: Sequence[bytes], seed: int) -> bytes:
     """
     random = Random(seed)
     if random.random() < PACKED:
-        packed = _damaged_within(random, whole, others)
+        try:
+            packed = _damaged_within(random, whole, others)
+        except Exception:  # It was damaged before, so that it is no container any more.
+            packed = None
         if packed is not None:
             return packed if random.random() < PACKED else _changed(random, packed, others)
     return _changed(random, whole, others)
+
+
+def renamed(random: Random, whole: bytes) -> bytes:
+    """A file with another name in place of one that it holds, once or everywhere."""
+    names = list(NAME.finditer(whole[: 4 * LONGEST]))
+    if not names:
+        return _changed(random, whole, [])
+    found, other = random.choice(names), random.choice(FOREIGN_NAMES)
+    if random.random() < 0.3:
+        return whole.replace(found[0], other)
+    return whole[: found.start()] + other + whole[found.end() :]
 
 
 def _damaged_within(random: Random, whole: bytes, others: Sequence[bytes]) -> bytes | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import re
@@ -9,15 +10,16 @@ import signal
 import time
 import tracemalloc
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import DataError, UserError
 from gsfw.core.exchange import Importer, SplatFile, StoredModel
 from gsfw.core.splats import Sh
 from support.damage import damaged
@@ -33,6 +35,8 @@ TRACED = 6
 HEADROOM = 1 << 28
 """Address space that remains for a reader; more is refused by the system. PyTorch's memory, which
 nothing traces, counts as well."""
+ARENA_MAX = -8
+"""The parameter of ``mallopt`` for the number of arenas (glibc, malloc.h)."""
 CAN_STOP = hasattr(signal, "SIGPROF")
 """True where the system has an alarm that stops a reader."""
 AXIS = re.compile(r"[+-]?[xyz]|")
@@ -46,14 +50,39 @@ class Hang(BaseException):
 
 def complaint(kind: type[Importer], path: Path, seconds: float = SECONDS) -> str:
     """What is wrong with how an importer takes a file; empty for splats or a ``DataError``."""
+
+    def read() -> object:
+        kind.recognises(path)
+        return kind().read(path)
+
+    return fault(read, path.stat().st_size, unsound, DataError, seconds)
+
+
+def fault(
+    read: Callable[[], object],
+    size: int,
+    check: Callable[[Any], str],
+    refusal: type[UserError] = UserError,
+    seconds: float = SECONDS,
+) -> str:
+    """What is wrong with how a reader takes a file; empty for sound content, or for words.
+
+    Args:
+        read: reads the file.
+        size: of the file, in bytes.
+        check: says what is wrong with what was read; empty if nothing is.
+        refusal: the error whose words may come instead.
+        seconds: of the processor, at most.
+    """
     before = time.process_time()
     held = tracemalloc.get_traced_memory()[0]
+    if tracemalloc.is_tracing():
+        tracemalloc.reset_peak()
     try:
         with _watched(seconds), warnings.catch_warnings():
             warnings.simplefilter("error")
-            kind.recognises(path)
-            outcome: object = kind().read(path)
-    except DataError as error:
+            outcome: object = read()
+    except refusal as error:
         outcome = error
     except Hang:
         return f"it goes on for more than {seconds:g} s"
@@ -63,17 +92,17 @@ def complaint(kind: type[Importer], path: Path, seconds: float = SECONDS) -> str
     if taken > seconds:
         return f"it took {taken:.1f} s"
     peak = tracemalloc.get_traced_memory()[1] - held if tracemalloc.is_tracing() else 0
-    if peak > FIXED_BYTES + FACTOR * path.stat().st_size:
-        return f"it allocated {peak / 1e6:.0f} MB for {path.stat().st_size} bytes"
-    return _words(outcome) if isinstance(outcome, DataError) else _content(outcome)
+    if peak > FIXED_BYTES + FACTOR * size:
+        return f"it allocated {peak / 1e6:.0f} MB for {size} bytes"
+    return _words(outcome) if isinstance(outcome, UserError) else check(outcome)
 
 
-def _words(error: DataError) -> str:
+def _words(error: UserError) -> str:
     return "" if len(error.message) > 10 else f"its message is {error.message!r}"
 
 
-def _content(outcome: object) -> str:
-    """What is wrong with splats, or with a model, that were read."""
+def unsound(outcome: object) -> str:
+    """What is wrong with splats, or with a model, that were read; empty if nothing is."""
     if isinstance(outcome, StoredModel):
         return "" if all(map(_is_finite, outcome.state.values())) else NOT_FINITE
     if not isinstance(outcome, SplatFile):
@@ -136,6 +165,9 @@ def little_memory() -> Iterator[None]:
     except (ImportError, OSError):  # No Linux.
         yield
         return
+    # Each thread of a reader would get 64 MB of addresses for its allocations.
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).mallopt(ARENA_MAX, 1)
     before, threads = resource.getrlimit(resource.RLIMIT_AS), torch.get_num_threads()
     torch.set_num_threads(1)
     resource.setrlimit(resource.RLIMIT_AS, (used + HEADROOM, before[1]))

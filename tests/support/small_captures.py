@@ -56,8 +56,9 @@ def write_image(path: Path, width: int = WIDTH, height: int = HEIGHT, mode: str 
     """An image of a gradient."""
     path.parent.mkdir(parents=True, exist_ok=True)
     channels = len(mode)
-    values = np.arange(width * height * channels) * 7 % 256
-    Image.fromarray(values.astype(np.uint8).reshape(height, width, channels), mode).save(path)
+    values = (np.arange(width * height * channels) * 7 % 256).astype(np.uint8)
+    shape = (height, width) if channels == 1 else (height, width, channels)
+    Image.fromarray(values.reshape(shape), mode).save(path)
 
 
 def write_images(folder: Path, capture: SmallCapture, width=WIDTH, height=HEIGHT) -> None:
