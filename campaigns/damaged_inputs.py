@@ -22,9 +22,9 @@ from campaign import ROOT, Campaign, Detail, Outcome, Promise
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-from input_targets import Target, targets  # noqa: E402 - after the path of tests/support
-from support.reader_faults import FACTOR, FIXED_BYTES, HEADROOM, SECONDS  # noqa: E402
-from trial import Finding, Tally, tried  # noqa: E402
+from input_targets import Target, targets
+from support.reader_faults import FACTOR, FIXED_BYTES, HEADROOM, SECONDS
+from trial import Finding, Tally, tried
 
 MOST_CRASHES = 10
 """Crashes of a target after which it is left."""

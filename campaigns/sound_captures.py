@@ -211,9 +211,7 @@ def openmvg(folder: Path) -> str:
         {"local_path": "", "filename": name, **SIZE, "id_view": n, "id_intrinsic": 0, "id_pose": n}
         for n, name in enumerate(capture.names)
     ]
-    poses = [
-        {"rotation": pose[:3, :3].tolist(), "center": _center(pose)} for pose in capture.poses
-    ]
+    poses = [{"rotation": pose[:3, :3].tolist(), "center": _center(pose)} for pose in capture.poses]
     lens = SIZE | {"focal_length": FOCAL[0], "principal_point": list(CENTER)}
     lens |= {"disto_k3": [-0.1, 0.05, 0.0]}
     kind = "pinhole_radial_k3"

@@ -22,7 +22,10 @@ IMAGES: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "palette.png": ("P", {"transparency": 3}),
     "grey16.png": ("I;16", {}),
     "bits.png": ("1", {}),
-    "turned.jpg": ("RGB", {"exif": b"Exif\0\0MM\0*\0\0\0\x08\0\1\1\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"}),
+    "turned.jpg": (
+        "RGB",
+        {"exif": b"Exif\0\0MM\0*\0\0\0\x08\0\1\1\x12\0\3\0\0\0\1\0\6\0\0\0\0\0\0"},
+    ),
     "cmyk.jpg": ("CMYK", {}),
     "progressive.jpg": ("RGB", {"progressive": True}),
     "a.webp": ("RGBA", {"lossless": True}),
@@ -49,7 +52,7 @@ def _picture(mode: str) -> Image.Image:
     values = (np.arange(WIDTH * HEIGHT * 3) * 7 % 256).astype(np.uint8)
     image = Image.fromarray(values.reshape(HEIGHT, WIDTH, 3))
     if mode == "I;16":
-        return Image.fromarray((np.asarray(image.convert("L")).astype(np.uint16) * 200))
+        return Image.fromarray(np.asarray(image.convert("L")).astype(np.uint16) * 200)
     return image.convert(mode)
 
 

@@ -7,22 +7,25 @@ by half a pixel.
 from __future__ import annotations
 
 import importlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from typing import TYPE_CHECKING, Any
 
 import torch
 from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError, UnavailableError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_center, pose_from_opencv
+from gsfw.datamanagers.xml_file import read_xml
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 HALF = 0.5
 """From OpenCV's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
@@ -76,7 +79,7 @@ def _entries(file: Path) -> dict[str, Mapping[str, Any]]:
     """The settings of each camera: a list, or an object with the cameras' names as keys."""
     try:
         content = _parse(file)
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise DataError(
             f"{file} cannot be read: {error}", "Write the file again; it may have been cut off."
         ) from error
@@ -99,7 +102,7 @@ def _entries(file: Path) -> dict[str, Mapping[str, Any]]:
 
 def _parse(file: Path) -> Any:  # noqa: ANN401 - whatever the file holds
     if file.suffix.lower() != ".toml":
-        return json.loads(file.read_text("utf-8-sig"))
+        return parsed_json(file.read_text("utf-8-sig"))
     try:
         tomllib = importlib.import_module("tomllib")
     except ImportError:
@@ -187,16 +190,11 @@ def _array(
 
 def _qualisys(file: Path) -> list[CalibratedCamera]:
     """The cameras of a Qualisys calibration (.qca.txt), in metres."""
-    try:
-        root = ElementTree.fromstring(file.read_bytes())
-    except (OSError, ElementTree.ParseError) as error:
-        raise DataError(
-            f"{file} cannot be read as XML: {error}", "Export the calibration again."
-        ) from error
+    root = read_xml(file, "Export the calibration again.")
     return [_qualisys_camera(node, file) for node in root.iter("camera")]
 
 
-def _qualisys_camera(node: ElementTree.Element, file: Path) -> CalibratedCamera:
+def _qualisys_camera(node: Element, file: Path) -> CalibratedCamera:
     name = node.get("serial", "?")
     where = f"camera {name} of {file}"
     _check_upright(node, where)
@@ -238,7 +236,7 @@ def _qualisys_camera(node: ElementTree.Element, file: Path) -> CalibratedCamera:
     return CalibratedCamera(name, lens, pose_from_center(rotation, center, where))
 
 
-def _check_upright(node: ElementTree.Element, where: str) -> None:
+def _check_upright(node: Element, where: str) -> None:
     """Refuse a camera that was turned, which changes what its numbers mean."""
     try:
         turned = float(node.get("viewrotation", 0))
@@ -255,7 +253,7 @@ def _check_upright(node: ElementTree.Element, where: str) -> None:
 
 
 def _attributes(
-    node: ElementTree.Element, tag: str, names: tuple[str, ...], where: str
+    node: Element, tag: str, names: tuple[str, ...], where: str
 ) -> Float64[Tensor, " n"]:
     """Numbers of the first child of this name."""
     child = node.find(tag)

@@ -37,6 +37,10 @@ MASK_EXTENSIONS = (*EXTENSIONS, ".gif", ".pgm", ".pbm", ".tga", ".jp2")
 """Extensions of mask files: segmentation tools write more formats than cameras."""
 MASK_FORMATS = (*FORMATS, "GIF", "PPM", "TGA", "JPEG2000")
 """Formats of masks."""
+PIXELS_PER_BYTE = {"PNG": 8256, "JPEG": 4096, "BMP": 2048}
+"""Most pixels that a byte of a file can hold: 1,032 bytes of Deflate with a bit for each pixel, two
+bits for each block of 16 x 16 pixels, runs of 255 pixels in two bytes with room to spare. Formats
+that are left out can hold an image of one colour in a few bytes."""
 UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -246,6 +250,8 @@ def _opened(
 ) -> Iterator[Image.Image]:
     try:
         with held(path, whole), Image.open(path, formats=formats) as image:
+            if whole:
+                _check_size(path, image)
             yield image
     except DataError:
         raise
@@ -254,6 +260,21 @@ def _opened(
             f"{path}: {_reason(path, error)}",
             "Replace the file, or remove it: images that are missing are left out.",
         ) from error
+
+
+def _check_size(path: Path, image: Image.Image) -> None:
+    """Check that a file is large enough for its pixels, before there is memory for them.
+
+    Raises:
+        ValueError: it is not.
+    """
+    most = PIXELS_PER_BYTE.get(image.format or "")
+    held_bytes = path.stat().st_size
+    if most is not None and image.width * image.height > most * held_bytes:
+        raise ValueError(
+            f"its header announces {image.width}x{image.height} pixels, which {held_bytes} bytes "
+            "cannot hold"
+        )
 
 
 def _reason(path: Path, error: Exception) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import parsed_json
 
 
 def read_json(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
@@ -23,8 +23,8 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
         DataError: it is not JSON.
     """
     try:
-        return json.loads(path.read_text("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        return parsed_json(path.read_text("utf-8-sig"))
+    except (OSError, ValueError) as error:
         raise DataError(
             f"{path} cannot be read as JSON: {error}",
             "Write the file again; it may have been cut off.",

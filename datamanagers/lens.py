@@ -51,6 +51,9 @@ STRAIGHT_AT_ZERO = (
 """Models that are pinholes where all coefficients are 0."""
 ROUND_TRIP = 1e-6
 """Largest difference, at unit focal length, between a pixel and where its ray leads back to."""
+SMALLEST, MOST_PIXELS = 1e-6, 1e12
+"""Pixels of a focal length at least, and of it and of the principal point at most: what is beyond
+becomes 0 or infinite in the float32 of cameras."""
 OVERFLOW = 1e9
 """At unit focal length; numbers beyond are those of a model that explodes outside its range."""
 
@@ -121,11 +124,13 @@ class Lens:
             DataError: they are not those of a camera.
         """
         numbers = torch.tensor([self.fx, self.fy, self.cx, self.cy], dtype=torch.float64)
-        if not numbers.isfinite().all() or min(self.fx, self.fy, self.width, self.height) <= 0:
+        sizes = (self.fx, self.fy, self.width, self.height)
+        if not (numbers.abs() <= MOST_PIXELS).all() or not min(sizes) >= SMALLEST:
             raise DataError(
                 f"{self.source}: fx={self.fx:g}, fy={self.fy:g}, cx={self.cx:g}, cy={self.cy:g}, "
                 f"{self.width}x{self.height} pixels is no camera.",
-                "Focal lengths and sizes have to be positive, and all numbers finite.",
+                "Focal lengths and sizes have to be positive, and all numbers finite and below "
+                f"{MOST_PIXELS:g}.",
             )
         if self.model not in COEFFICIENTS:
             raise DataError(

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.array_file import read_numbers
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.image_folder import ImageFolderConfig
 from gsfw.datamanagers.images import EXTENSIONS, read_header
@@ -33,11 +34,7 @@ def read_rows(file: Path) -> Float64[np.ndarray, "v 17"]:
     Raises:
         DataError: it does not hold them.
     """
-    try:
-        table = np.load(file, allow_pickle=False)
-        rows = table.astype(np.float64)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{file} cannot be read: {error}", "Copy it again.") from error
+    rows = read_numbers(file)
     if rows.ndim != 2 or rows.shape[1] != 17 or len(rows) == 0:
         raise DataError(
             f"{file} holds numbers of the shape {list(rows.shape)}.",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.images import MASK_EXTENSIONS
 
 AFFIX = re.compile(r"^masks?[-_. ]+|[-_. ]+(masks?|matte|seg|segmentation)$", re.IGNORECASE)
@@ -51,7 +52,7 @@ class MaskFolder:
             alike = map(str, self._by_stem.get(stem_of(name), ()))
             for file in (*exact, *alike):
                 place = self.path / file
-                if place != other_than and place.is_file():
+                if place != other_than and is_file(place):
                     return place
         return None
 

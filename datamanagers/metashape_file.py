@@ -13,7 +13,6 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 import torch
 from jaxtyping import Float64
@@ -24,6 +23,7 @@ from gsfw.core.maths.similarity import Similarity
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.metashape_lens import read_lens, text_number, text_numbers
 from gsfw.datamanagers.poses import pose_from_center
+from gsfw.datamanagers.xml_file import read_xml
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -65,12 +65,7 @@ class MetashapeFile:
         Raises:
             DataError: it is damaged, has no camera with a pose, or one that cannot be used.
         """
-        try:
-            root = ElementTree.fromstring(file.read_bytes())
-        except (OSError, ElementTree.ParseError) as error:
-            raise DataError(
-                f"{file} cannot be read as XML: {error}", "Export the cameras again."
-            ) from error
+        root = read_xml(file, "Export the cameras again.")
         chunks = list(root.iter("chunk"))
         if not chunks:
             raise DataError(
@@ -84,8 +79,11 @@ class MetashapeFile:
 
 def is_metashape(file: Path) -> bool:
     """True if an XML file begins like Metashape's."""
-    with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except OSError:
+        return False
     return b"<document" in head and b"<chunk" in head
 
 

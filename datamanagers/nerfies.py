@@ -8,18 +8,19 @@ scale of scene.json are the authors' normalisation; gsfw finds its own, and keep
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import parsed_json
+from gsfw.core.files.reading import is_file
+from gsfw.datamanagers.array_file import read_numbers
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header
@@ -118,8 +119,8 @@ def _read(path: Path) -> Mapping[str, Any]:
         DataError: the file is missing, or is none.
     """
     try:
-        content = json.loads(path.read_text("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        content = parsed_json(path.read_text("utf-8-sig"))
+    except (OSError, ValueError) as error:
         raise DataError(
             f"{path} cannot be read as JSON: {error}",
             "Copy the file again; it may be missing or cut off.",
@@ -172,7 +173,7 @@ def _whole(
 
 def _image(folder: Path, name: str) -> Path | None:
     candidates = (folder / f"{name}{end}" for end in EXTENSIONS)
-    return next((path for path in candidates if path.is_file()), None)
+    return next((path for path in candidates if is_file(path)), None)
 
 
 def _frame(file: Path, name: str, image: Path) -> Frame:
@@ -243,14 +244,11 @@ def _points(file: Path) -> tuple[Points, str]:
     """The points, grey since they have no colours, and a note on them."""
     if not file.is_file():
         return no_points(), f"there are no points (looked for {file.name})"
+    advice = "Expected an array of the shape [points, 3]; remove it to train without points."
     try:
-        table = np.load(file, allow_pickle=False)
-        points = torch.from_numpy(table.astype(np.float64))
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise ValueError(f"its shape is {list(points.shape)}")
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(
-            f"{file} does not hold points: {error}",
-            "Expected an array of the shape [points, 3]; remove it to train without points.",
-        ) from error
+        points = torch.from_numpy(read_numbers(file))
+    except DataError as error:
+        raise DataError(f"{file} does not hold points: {error.message}", advice) from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError(f"{file} does not hold points: its shape is {list(points.shape)}.", advice)
     return check_points(points, torch.full(points.shape, 0.5), file), f"{len(points)} points"

@@ -7,19 +7,20 @@ moves, and init_pt_cld.npz holds a point cloud.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import torch
 
 from gsfw.core.batch import SEGMENTATION, Resampling
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import parsed_json
+from gsfw.core.files.reading import is_file
+from gsfw.datamanagers.array_file import read_numbers
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.lens import Lens
@@ -112,8 +113,8 @@ class _MetaFile:
             DataError: it is not JSON, its lists do not go together, or cameras have no numbers.
         """
         try:
-            content = json.loads(path.read_text("utf-8-sig"))
-        except (OSError, ValueError, RecursionError) as error:
+            content = parsed_json(path.read_text("utf-8-sig"))
+        except (OSError, ValueError) as error:
             raise DataError(
                 f"{path} cannot be read as JSON: {error}",
                 "Write the file again; it may have been cut off.",
@@ -161,7 +162,7 @@ class _MetaFile:
         for time in times:
             for position, name in enumerate(self.content["fn"][time]):
                 image = self.path.parent / "ims" / str(name)
-                if not image.is_file():
+                if not is_file(image):
                     missing.append(str(name))
                     continue
                 camera = names.index(str(self.content["cam_id"][time][position]))
@@ -210,7 +211,7 @@ class _MetaFile:
             header=header,
             lens=lens,
             world_to_camera=pose_from_opencv(w2c, where),
-            moving=moving if moving.is_file() else None,
+            moving=moving if is_file(moving) else None,
         )
 
 
@@ -233,17 +234,17 @@ def _points(file: Path) -> tuple[Points, str]:
     """The cloud's points and colours (what is foreground is not used), and a note on them."""
     if not file.is_file():
         return no_points(), f"there are no points (looked for {file.name})"
+    advice = (
+        "Expected data of the shape [points, 7]: position, colour, foreground; remove the file to "
+        "train without points."
+    )
     try:
-        # Opened here, as numpy leaves a broken archive open.
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
-            cloud = torch.from_numpy(arrays["data"].astype(np.float64))
-        if cloud.ndim != 2 or cloud.shape[1] < 6:
-            raise ValueError(f"its data has the shape {list(cloud.shape)}")
-    except Exception as error:  # numpy and zipfile raise whatever a broken file makes them.
+        cloud = torch.from_numpy(read_numbers(file, "data"))
+    except DataError as error:
+        raise DataError(f"{file} does not hold points: {error.message}", advice) from error
+    if cloud.ndim != 2 or cloud.shape[1] < 6:
         raise DataError(
-            f"{file} does not hold points: {error}",
-            "Expected data of the shape [points, 7]: position, colour, foreground; remove the file "
-            "to train without points.",
-        ) from error
+            f"{file} does not hold points: its data has the shape {list(cloud.shape)}.", advice
+        )
     points = check_points(cloud[:, :3], cloud[:, 3:6].clamp(0, 1).float(), file)
     return points, f"{file}: {len(cloud)} points"

@@ -17,6 +17,7 @@ import torch
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
@@ -98,7 +99,7 @@ class PolycamConfig(CaptureConfig):
                 blurred += 1
                 continue
             names = (images / f"{file.stem}{extension}" for extension in EXTENSIONS)
-            image = next((name for name in names if name.is_file()), None)
+            image = next((name for name in names if is_file(name)), None)
             if image is None:
                 missing.append(file.stem)
                 continue

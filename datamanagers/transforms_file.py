@@ -17,6 +17,8 @@ import torch
 from gsfw.core.batch import Resampling
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import parsed_json
+from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.frames import Frame
 from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.lens import Lens
@@ -51,8 +53,8 @@ class TransformsFile:
             DataError: it is not JSON, or holds no frames.
         """
         try:
-            content = json.loads(path.read_text("utf-8-sig"))
-        except (OSError, ValueError, RecursionError) as error:
+            content = parsed_json(path.read_text("utf-8-sig"))
+        except (OSError, ValueError) as error:
             raise DataError(
                 f"{path} cannot be read as JSON: {error}",
                 "Write the file again; it may have been cut off.",
@@ -118,7 +120,7 @@ class TransformsFile:
         """A file that the JSON names, with or without its extension."""
         path = self.path.parent / name
         candidates = (path, *(path.with_name(path.name + end) for end in EXTENSIONS))
-        return next((candidate for candidate in candidates if candidate.is_file()), None)
+        return next((candidate for candidate in candidates if is_file(candidate)), None)
 
     def _frame(self, name: str, entry: Mapping[str, Any], image: Path) -> Frame:
         where = f"{self.path}: frame {name}"

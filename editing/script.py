@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.editing.editable import Editable
 from gsfw.editing.operations.catalogue import OPERATIONS
 from gsfw.editing.operations.edit import Edit, Surroundings
@@ -119,7 +120,7 @@ def read_steps(path: Path) -> list[Step]:
         ConfigError: a value is wrong.
     """
     try:
-        document = json.loads(path.read_text())
+        document = parsed_json(path.read_text())
         steps = [(item["edit"], item["value"]) for item in document["steps"]]
         is_ours = document["format"] == FORMAT
     except FileNotFoundError:

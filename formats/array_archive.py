@@ -22,6 +22,7 @@ import numpy as np
 
 from gsfw.core.errors import COPY_AGAIN, DataError, UserError
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.json_text import parsed_json
 
 HEADER, SHORT_HEADER = "header.json", "header.json.xz"
 EXPANSION, SMALL = 64, 1 << 16
@@ -173,7 +174,7 @@ def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:
             "Give a file that gsfw export RUN format=gsfw has written.",
         )
     short = HEADER not in names
-    header = json.loads(_expanded(file.read(SHORT_HEADER)) if short else file.read(HEADER))
+    header = parsed_json(_expanded(file.read(SHORT_HEADER)) if short else file.read(HEADER))
     if not isinstance(header, dict):
         raise ValueError(f"{HEADER} holds a {type(header).__name__}, not an object")
     arrays: dict[str, np.ndarray] = {}

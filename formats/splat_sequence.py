@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from gsfw.core.exchange import Exporter, SplatFile
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 
 INDEX = "times.json"
 DIGITS = 4
@@ -95,8 +94,8 @@ class SplatSequence:
 def files_of(folder: Path) -> list[str]:
     """Names of the files of the sequence in a folder, in order of time; empty if it has none."""
     try:
-        entries = json.loads((folder / INDEX).read_text())["files"]
+        entries = parsed_json((folder / INDEX).read_text())["files"]
         names = [str(entry["file"]) for entry in entries]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError):
         return []
     return [name for name in names if name.startswith("splats_") and Path(name).name == name]

@@ -32,6 +32,7 @@ from gsfw.core.exchange import (
     SplatFile,
 )
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import readable
 from gsfw.core.maths.axes import known_or_usual_up, stated_axis
 from gsfw.core.maths.camera_path import look_at
@@ -252,8 +253,8 @@ def _read_header(path: Path) -> tuple[JsonFields, int, int]:
     if length > MAX_HEADER or len(text) < length:
         raise DataError(f"{path} is a damaged splaTV file: its header does not end.", COPY_AGAIN)
     try:
-        parts = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        parts = parsed_json(text)
+    except ValueError as error:
         raise DataError(
             f"{path} is a damaged splaTV file: its header is no JSON.", COPY_AGAIN
         ) from error

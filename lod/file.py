@@ -22,6 +22,7 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import readable
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
@@ -198,8 +199,8 @@ def _header(path: Path) -> tuple[Header, int]:
             raise DataError(f"{path} is no tree of levels of detail, or damaged.", AGAIN)
         text = file.read(length)
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parsed_json(text)
+    except ValueError as error:
         raise DataError(f"{path} is damaged: its header is no JSON.", AGAIN) from error
     if not isinstance(document, dict):
         raise DataError(f"{path} is damaged: its header is no object.", AGAIN)

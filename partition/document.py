@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ import numpy as np
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 from gsfw.formats.json_fields import JsonFields
 from gsfw.partition.cells import Cell
 from gsfw.partition.ground import Ground
@@ -170,13 +169,13 @@ def read_partition(path: Path) -> Partition:
 
 def _document(path: Path) -> Mapping[str, Any]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parsed_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise DataError(
             f"{path.parent} is no partition: it has no {path.name}.",
             "Make one: gsfw partition DATA out=DIR.",
         ) from None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read: {error}.", ANEW) from None
     if not isinstance(document, dict):
         raise DataError(f"{path}: expected an object, found {type(document).__name__}.", ANEW)

@@ -6,13 +6,13 @@ of its pace are settings. ``plan.json`` says besides what was asked for and meas
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.planning.plan import Plan
@@ -33,7 +33,7 @@ def plan_document(plan: Plan) -> dict[str, Any]:
 def read_plan(folder: RunFolder) -> dict[str, Any]:
     """The record in a folder; empty if there is none, or if it is damaged."""
     try:
-        document = json.loads(folder.plan.read_text(encoding="utf-8"))
+        document = parsed_json(folder.plan.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return document if isinstance(document, dict) else {}

@@ -13,7 +13,7 @@ import yaml
 
 from gsfw.core.config import INIT_WORDS
 from gsfw.core.errors import ConfigError
-from gsfw.core.files.expanded import check_expanded
+from gsfw.core.files.yaml_text import parsed_yaml
 from gsfw.plugins.registry import package
 from gsfw.plugins.settings import Layer, Settings
 from gsfw.plugins.specs import PROJECT
@@ -35,9 +35,6 @@ NOTE = """\
 # Made by gsfw. Use it again with config=FILE: that takes the keys under "given", and the rest
 # follows from them. To edit other values, add their keys there, or delete "given" to take all.
 """
-
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The same content ten times faster, where PyYAML was built with libyaml."""
 
 RATE_FACTOR, OLD_RATES = "optim.factor", {"optim.means_lr", "optim.sh_dc_lr"}
 """The factor of the rates of splats, and settings of runs that have these rates."""
@@ -106,7 +103,6 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         raise ConfigError(
             f"{where}: this is not valid YAML: {problem}.", "Write one 'key: value' on each line."
         ) from None
-    check_expanded(where, document)
     if document is None:
         document = {}
     if not isinstance(document, dict):
@@ -143,9 +139,9 @@ def read_header(path: Path) -> dict[str, Any]:
 def _parsed(text: str) -> Any:  # noqa: ANN401 - plain data of any kind
     """Plain data of YAML; errors in the words of PyYAML's own parser."""
     try:
-        return yaml.load(text, LOADER)
+        return parsed_yaml(text)
     except yaml.YAMLError:
-        return yaml.safe_load(text)
+        return parsed_yaml(text, yaml.SafeLoader)
 
 
 def _named(where: str, name: str, found: object, values: Mapping[str, Any]) -> frozenset[str]:
@@ -153,7 +149,7 @@ def _named(where: str, name: str, found: object, values: Mapping[str, Any]) -> f
     if not isinstance(found, list):
         raise ConfigError(f"{where}: {name}: expected a list of keys, found {found!r}.")
     for key in found:
-        if key not in values:
+        if not isinstance(key, str) or key not in values:
             raise ConfigError(
                 f"{where}: {name} has {key!r}, which has no value in this file.",
                 "Add the value, or take the name away.",

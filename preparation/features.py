@@ -7,7 +7,6 @@ finished: a line of ``features.jsonl`` beside the database for each image.
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 from gsfw.core.progress import stage
 from gsfw.core.words import rough_duration
 from gsfw.preparation.blur import ImageBlur
@@ -296,7 +295,7 @@ def _read_log(log: Path) -> dict[str, FeatureReport]:
         return reports
     for line in log.read_text("utf-8", errors="replace").splitlines():
         try:
-            document = json.loads(line)
+            document = parsed_json(line)
             name = document.pop("name")
             reports[name] = FeatureReport.of(document)
         except (ValueError, TypeError, KeyError, AttributeError):

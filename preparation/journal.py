@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.files.atomic import write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 
 SCHEMA = 1
 """Number of the file's layout; a file of another number is as good as none."""
@@ -81,7 +81,7 @@ class Journal:
         if not entry["finished"]:
             start = time.perf_counter()
             try:
-                entry["result"] = json.loads(json_text(make()))
+                entry["result"] = parsed_json(json_text(make()))
                 entry["finished"] = True
             finally:
                 entry["seconds"] += time.perf_counter() - start
@@ -102,7 +102,7 @@ def identity_of(path: Path) -> list[Any]:
 
 def _read(path: Path) -> dict[str, Document]:
     try:
-        document = json.loads(path.read_text("utf-8"))
+        document = parsed_json(path.read_text("utf-8"))
         return dict(document["stages"]) if document["schema"] == SCHEMA else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}

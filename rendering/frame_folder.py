@@ -7,7 +7,6 @@ that one that exists is complete.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ import torch
 from torch import Tensor
 
 from gsfw.core.files.atomic import write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 
 if TYPE_CHECKING:
     from gsfw.core.cameras import Cameras
@@ -43,7 +42,7 @@ class FrameFolder:
             names: file names of the frames, in order.
         """
         self.path, self.names = path, tuple(names)
-        self._request = json.loads(json_text({"schema": SCHEMA, "names": names, **request}))
+        self._request = parsed_json(json_text({"schema": SCHEMA, "names": names, **request}))
         self._found = _read(path / MANIFEST)
         self._is_same = self._found.get("request") == self._request
 
@@ -81,7 +80,7 @@ class FrameFolder:
 
 def _read(manifest: Path) -> Mapping[str, Any]:
     try:
-        document = json.loads(manifest.read_text(encoding="utf-8"))
+        document = parsed_json(manifest.read_text(encoding="utf-8"))
         sound = isinstance(document["request"]["names"], list) and {
             name: (float(low), float(high)) for name, (low, high) in document["scales"].items()
         } == {name: tuple(ends) for name, ends in document["scales"].items()}

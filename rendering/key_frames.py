@@ -25,6 +25,9 @@ SCHEMA = 1
 FPS, SECONDS = 30.0, 6.0
 """Frames per second and length in seconds of a new path."""
 
+MOST_FRAMES = 1_000_000
+"""Most frames of a film: nine hours at 30 per second."""
+
 SKEW = 0.01
 """Largest difference of the three axes of a pose, of their length, that rounding explains."""
 
@@ -192,11 +195,19 @@ def path_frames(path: CameraPath, frames: int | None = None) -> PathFrames:
     Args:
         path: the key frames.
         frames: number of frames; ``None``: as many as its seconds take.
+
+    Raises:
+        DataError: these are too many.
     """
     keys = path.key_frames
     knots = _knots(path)
     length = path.seconds if knots is None else float(knots[-1] - knots[0])
     count = max(round(length * path.fps), 1) if frames is None else frames
+    if count > MOST_FRAMES:
+        raise DataError(
+            f"the camera path would have {count:,} frames: {length:g} s at {path.fps:g} per second.",
+            f"Shorten it: at most {MOST_FRAMES:,} are rendered.",
+        )
     spline = PoseSpline(torch.stack([key.camera_to_world for key in keys]), knots, path.closed)
     if knots is None:
         moments = spline.even_moments(count)

@@ -6,7 +6,6 @@ NeRF's tools write it. Poses of the last two are in OpenGL axes (x right, y up, 
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from typing import Any
 import torch
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.rendering.key_frames import PathFrames, camera_path_of, number, path_frames, pose
 
 logger = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ def read_path_file(file: Path, frames: int | None = None) -> PathFrames:
         DataError: it cannot be read, or is none of these.
     """
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = parsed_json(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise DataError(
             f"camera={file}: there is no such file.",
@@ -111,7 +111,7 @@ def _in_the_data(poses: torch.Tensor, file: Path) -> torch.Tensor:
         )
         return poses
     try:
-        document = json.loads(beside.read_text(encoding="utf-8"))
+        document = parsed_json(beside.read_text(encoding="utf-8"))
         scale = number(document.get("scale"), f"{beside}: scale", 1e-9, 1e9)
         placed = pose(document.get("transform"), str(beside))
     except (OSError, ValueError, AttributeError) as error:

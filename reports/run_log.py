@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from gsfw.core.files.json_text import parsed_json
 
 MOST_WARNINGS = 20
 """Most warnings of a log that are shown, the latest ones."""
@@ -44,7 +45,7 @@ def read_figures(path: Path, problems: list[str]) -> tuple[Mapping[str, Any], ..
     found: list[Mapping[str, Any]] = []
     for place, line in enumerate(_lines(path), start=1):
         try:
-            document = json.loads(line)
+            document = parsed_json(line)
         except ValueError:
             document = None
         if not isinstance(document, dict):

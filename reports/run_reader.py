@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import UserError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import read_config
 from gsfw.plugins.settings import Layer
@@ -109,7 +109,7 @@ def _settings(folder: RunFolder, problems: list[str]) -> Layer | None:
 def _document(path: Path, problems: list[str]) -> dict[str, Any] | None:
     """An object of a JSON file; empty if it is not there, ``None`` if it is damaged."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parsed_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Mapping
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.studies.json_store import JsonStore, Keyed
 from gsfw.studies.origin import origin
@@ -114,7 +114,7 @@ def collect(run: PlannedRun, wall_seconds: float | None = None) -> Result:
     """
     path = run.folder.summary
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
+        summary = parsed_json(path.read_text(encoding="utf-8"))
         protocol = dict(summary.pop("protocol", {}))
     except (OSError, ValueError, AttributeError, TypeError) as error:
         raise DataError(
@@ -159,7 +159,7 @@ def _figures(document: Mapping[str, Any], prefix: str = "") -> dict[str, int | f
 def _required(folder: RunFolder) -> dict[str, int | float]:
     """Floats of all parameters and of colours, and the colours' part of what all bands need."""
     try:
-        found = json.loads(folder.requirements.read_text(encoding="utf-8"))
+        found = parsed_json(folder.requirements.read_text(encoding="utf-8"))
         total, colors, full = found["total_floats"], found["sh_floats"], found["sh_floats_full"]
     except (OSError, ValueError, KeyError, TypeError):
         return {}  # A run of an earlier version, or one whose requirements could not be measured.

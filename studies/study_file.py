@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.files.expanded import check_expanded
+from gsfw.core.files.yaml_text import parsed_yaml
 from gsfw.plugins.keys import suggest_key
 from gsfw.plugins.values import plain
 from gsfw.studies.study import COLUMNS, Rule, Study, matches, slug
@@ -30,7 +30,6 @@ def read_study(path: Path) -> Study:
     """
     where = f"study {path}"
     document = _document(path)
-    check_expanded(f"study {path}", document)
     if not isinstance(document, dict):
         raise ConfigError(
             f"{where}: expected 'key: value' on each line, found {_kind(document)}.",
@@ -73,7 +72,7 @@ class _Loader(yaml.SafeLoader):
 
 def _document(path: Path) -> object:
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        return parsed_yaml(path.read_text(encoding="utf-8"), _Loader)
     except FileNotFoundError:
         raise ConfigError(
             f"{path}: there is no such study file.", "Give the path of a .yaml file."

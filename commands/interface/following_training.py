@@ -7,7 +7,6 @@ them are checked before the first image is read.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -26,7 +25,7 @@ from gsfw.commands.interface.arguments import (
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.files.atomic import write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 from gsfw.core.loop.run_folder import RunFolder
 
 RUN = "run"
@@ -230,7 +229,7 @@ class FollowingTraining:
 
     def _is_same(self) -> bool:
         try:
-            return bool(json.loads(self._record.read_text("utf-8")) == self._identity())
+            return bool(parsed_json(self._record.read_text("utf-8")) == self._identity())
         except (OSError, ValueError):
             return False
 

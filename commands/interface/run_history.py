@@ -8,6 +8,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.user_folder import state_root
 
 FOLDER = "GSFW_STATE_DIR"
@@ -55,7 +56,7 @@ def remembered_runs() -> dict[Path, float]:
         return starts
     for line in _end_of(file).splitlines():
         try:
-            document = json.loads(line)
+            document = parsed_json(line)
             path, start = Path(document["run"]), float(document["start"])
         except (ValueError, TypeError, KeyError):
             continue

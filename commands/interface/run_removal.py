@@ -14,6 +14,7 @@ from gsfw.commands.interface.runs import RUNS, RunArgument
 from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.core.files.folder_lock import LOCK, holder, only_one
 from gsfw.core.files.size import bytes_of
+from gsfw.core.files.yaml_text import parsed_yaml
 from gsfw.core.loop.run_folder import RunFolder
 
 
@@ -61,7 +62,7 @@ def check_removable(found: RunArgument) -> Path:
 def _is_made_by_gsfw(folder: RunFolder) -> bool:
     """True if the files are those of a run; of a damaged one the lock and checkpoints say so."""
     try:
-        document = yaml.safe_load(folder.config.read_text(encoding="utf-8"))
+        document = parsed_yaml(folder.config.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
         document = None
     is_ours = isinstance(document, dict) and {"gsfw", "method", "schema"} <= document.keys()

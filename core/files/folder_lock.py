@@ -20,6 +20,7 @@ from pathlib import Path
 
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.files.json_text import parsed_json
 
 if sys.platform != "win32":
     import fcntl
@@ -56,7 +57,7 @@ class Owner:
     def read(path: Path) -> Owner | None:
         """The owner that a file names; ``None`` if it names none (yet)."""
         try:
-            return Owner(**json.loads(path.read_text("utf-8")))
+            return Owner(**parsed_json(path.read_text("utf-8")))
         except (OSError, ValueError, TypeError):
             return None
 

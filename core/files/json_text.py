@@ -1,4 +1,4 @@
-"""JSON text that every reader accepts: NaN and infinities become null."""
+"""JSON text: written so that every reader accepts it, and parsed within bounds."""
 
 from __future__ import annotations
 
@@ -10,10 +10,54 @@ from typing import Any
 
 from gsfw.core.errors import DataError
 
+DEEPEST = 100
+"""Most lists and objects within each other that are read; files of gsfw and of known tools have
+fewer than 20. What goes through a document by recursion need not fear a deeper one."""
+
 
 def json_text(document: object, indent: int | None = None) -> str:
     """A document of plain data as JSON; NaN and infinities, which JSON lacks, become null."""
     return json.dumps(_readable(document), indent=indent, allow_nan=False)
+
+
+def parsed_json(text: str | bytes) -> Any:  # noqa: ANN401 - plain data of any kind
+    """Plain data of JSON.
+
+    Raises:
+        ValueError: it is no JSON, is nested too deeply, or has text that is no Unicode.
+    """
+    if isinstance(text, bytes):
+        text = text.decode(json.detect_encoding(text))
+    try:
+        document = json.loads(text.removeprefix("\ufeff"))
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    if text.count("[") + text.count("{") > DEEPEST:
+        _check_depth(document)
+    if "\\u" in text:
+        # Half of a pair, as in "\\ud800", is no text that can be written or be a file's name.
+        json.dumps(document, ensure_ascii=False).encode()
+    return document
+
+
+def _check_depth(document: object) -> None:
+    """Check the depth of a document, level by level.
+
+    Raises:
+        ValueError: it is nested too deeply.
+    """
+    level, depth = [document], 0
+    while level:
+        depth += 1
+        if depth > DEEPEST:
+            raise ValueError(f"it is nested more than {DEEPEST} levels deep")
+        level = [
+            item
+            for node in level
+            if isinstance(node, dict | list)
+            for item in (node.values() if isinstance(node, dict) else node)
+            if isinstance(item, dict | list)
+        ]
 
 
 def read_document(path: Path, schema: int, advice: str) -> Mapping[str, Any]:
@@ -28,7 +72,7 @@ def read_document(path: Path, schema: int, advice: str) -> Mapping[str, Any]:
         DataError: it cannot be read, or has another content.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parsed_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read: {error}.", advice) from None
     if not isinstance(document, dict) or document.get("schema") != schema:

@@ -27,6 +27,7 @@ from PIL import Image
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.file_use import if_unused, in_turn, in_use
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.remote import RemoteFile, RemoteSource, is_remote
 from gsfw.core.files.user_folder import cache_root, temporary_root
 from gsfw.core.progress import stage, tracked
@@ -163,7 +164,7 @@ class Mirror:
     def _known(self) -> Mapping[str, list[object]]:
         """Sizes and tags of the files when the folder was used last."""
         try:
-            found = json.loads((self.path / MANIFEST).read_text())
+            found = parsed_json((self.path / MANIFEST).read_text())
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from gsfw.core.errors import DataError
+
+
+def is_file(path: Path) -> bool:
+    """True if there is a file whose name comes from elsewhere.
+
+    False for a name that no file can have, such as a very long one, for which ``Path.is_file``
+    raises an error in some versions of Python.
+    """
+    return os.path.isfile(path)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import atomic_file, write_atomically
-from gsfw.core.files.json_text import json_text
+from gsfw.core.files.json_text import json_text, parsed_json
 
 if TYPE_CHECKING:
     import torch
@@ -157,12 +156,12 @@ class RunFolder:
         if not self.metrics_log.exists():
             return
         kept: list[str] = []
-        for line in self.metrics_log.read_text().splitlines():
+        for line in self.metrics_log.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
-                document = json.loads(line)
-            except json.JSONDecodeError:
+                is_later = parsed_json(line)["step"] > step
+            except (ValueError, TypeError, KeyError):
                 break
-            if document["step"] > step:
+            if is_later:
                 break
             kept.append(line)
         write_atomically(self.metrics_log, "".join(f"{line}\n" for line in kept).encode())

@@ -10,6 +10,7 @@ import torch
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders, model_suffix
 from gsfw.datamanagers.colmap.reader import lens_of, read_model, read_sightings
@@ -86,7 +87,7 @@ def frames_of(model: ColmapModel, folder: Path) -> tuple[tuple[Frame, ...], list
     frames, missing = [], []
     for image in model.images:
         path = folder / image.name
-        if not path.is_file():
+        if not is_file(path):
             missing.append(image.name)
             continue
         frame = Frame(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import readable
 from gsfw.formats.gltf.buffers import Buffers
 from gsfw.formats.gltf.layout import (
@@ -182,8 +182,8 @@ def _parsed(path: Path, text: bytes) -> JsonFields:
             "Export the splats alone from the tool that made it.",
         )
     try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        values = parsed_json(text)
+    except ValueError as error:
         reason = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise DataError(f"{path} has damaged JSON: {reason}.", COPY_AGAIN) from None
     if not isinstance(values, dict):

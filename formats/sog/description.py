@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.sog.container import CHOOSE, META, Container
 
@@ -89,8 +90,8 @@ def read_document(container: Container) -> dict[str, Any] | None:
     name = container.description
     content = container.read(name, MAX_META)
     try:
-        document = json.loads(content)
-    except (ValueError, RecursionError) as error:
+        document = parsed_json(content)
+    except ValueError as error:
         raise DataError(f"{container.path}: its {name} is damaged JSON.", COPY_AGAIN) from error
     described = isinstance(document, dict) and all(
         isinstance(document.get(key), dict) and "files" in document[key] for key in KEYS

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from gsfw.core.errors import DataError, OutputError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
+from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.colmap.reader import read_model
 from gsfw.preparation.writing.camera_plan import CameraPlan, lens_words
 
@@ -34,9 +35,8 @@ def start_over(out: Path, names: Sequence[str]) -> None:
     with readable_write_errors(out):
         for part in reversed(PARTS):
             (out / MODEL_FOLDER / part).unlink(missing_ok=True)
-        earlier = file.read_text("utf-8").splitlines() if file.is_file() else []
-        for name in earlier:
-            (out / name).unlink(missing_ok=True)
+        for path in filter(is_file, _listed(out)):
+            path.unlink()
     write_atomically(file, "".join(f"{name}\n" for name in names).encode())
 
 
@@ -46,8 +46,18 @@ def is_all_there(out: Path) -> bool:
     return (
         all((out / MODEL_FOLDER / part).is_file() for part in PARTS[2:])
         and file.is_file()
-        and all((out / name).is_file() for name in file.read_text("utf-8").splitlines())
+        and all(is_file(path) for path in _listed(out))
     )
+
+
+def _listed(out: Path) -> list[Path]:
+    """The files of the list; none that is not inside the data set, whatever the list says."""
+    file, root = out / LIST, out.resolve()
+    if not file.is_file():
+        return []
+    names = file.read_text("utf-8", errors="replace").splitlines()
+    paths = [out / name for name in names if "\0" not in name and PurePath(name).name]
+    return [path for path in paths if (path.parent.resolve() / path.name).is_relative_to(root)]
 
 
 def check_sources_stay(sources: Sequence[Path], targets: Sequence[Path]) -> None:

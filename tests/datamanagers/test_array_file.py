@@ -1,12 +1,14 @@
 """NumPy's files are read whole or refused, in any thread."""
 
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from support.reader_faults import little_memory
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.array_file import array_header, read_array
+from gsfw.datamanagers.array_file import array_header, read_array, read_numbers
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -39,3 +41,47 @@ def test_files_that_are_cut_off_or_hold_objects_are_refused(tmp_path):
         read_array(path)
     with pytest.raises(DataError, match=r"nowhere\.npy cannot be read"):
         array_header(tmp_path / "nowhere.npy")
+
+
+def lying(path, shape, kind=b"'<f8'"):
+    """A file whose header announces values that it does not have."""
+    header = b"{'descr': %s, 'fortran_order': False, 'shape': %s, }" % (kind, shape)
+    header = header.ljust(117) + b"\n"
+    path.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(64))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "words"),
+    [
+        (b"(1000000000000,)", b"'<f8'", "it is cut off, or its header is damaged"),
+        (b"(4294967296, 4294967296)", b"'<f8'", "it is cut off, or its header is damaged"),
+        (b"(-1, 8)", b"'<f8'", r"its shape is \(-1, 8\)"),
+        (b"(((8,)", b"'<f8'", "its header is damaged"),
+        (b"(8,)", b"'<q8'", "its header is damaged"),
+    ],
+)
+def test_a_header_that_announces_more_than_the_file_has_gets_no_memory(
+    tmp_path, shape, kind, words
+):
+    with little_memory(), pytest.raises(DataError, match=words):
+        read_array(lying(tmp_path / "a.npy", shape, kind))
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
+def test_an_archive_whose_header_lies_gets_no_memory(tmp_path, method):
+    inner = lying(tmp_path / "a.npy", b"(1000000000000,)").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", method) as archive:
+        archive.writestr("a.npy", inner)
+    with little_memory(), pytest.raises(DataError, match="cannot be read"):
+        read_array(tmp_path / "a.npz")
+
+
+def test_an_array_of_an_archive_is_found_by_its_name(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", first=np.zeros(3), data=np.zeros((2000, 300), np.int16))
+    assert read_numbers(tmp_path / "a.npz", "data").shape == (2000, 300)
+    with pytest.raises(DataError, match="it holds no array 'other'"):
+        read_numbers(tmp_path / "a.npz", "other")
+    np.save(tmp_path / "a.npy", np.array(["text"]))
+    with pytest.raises(DataError, match="holds values of type <U4"):
+        read_numbers(tmp_path / "a.npy")

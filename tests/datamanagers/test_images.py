@@ -1,8 +1,12 @@
 """DecodedImage files."""
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 from PIL import Image
+from support.reader_faults import little_memory
 from support.small_captures import write_image
 
 from gsfw.core.errors import DataError
@@ -18,6 +22,34 @@ def save(path, image, **settings):
 
 def loaded(path) -> np.ndarray:
     return decode(path, read_header(path))
+
+
+@pytest.mark.parametrize(("form", "place"), [("PNG", 16), ("JPEG", 0), ("BMP", 18)])
+def test_a_header_that_announces_more_than_the_file_can_hold_gets_no_memory(tmp_path, form, place):
+    path = tmp_path / f"a.{form.lower()}"
+    Image.new("RGB", (8, 6), (20, 30, 40)).save(path, form)
+    content = bytearray(path.read_bytes())
+    side = 9_000
+    if form == "PNG":
+        content[place : place + 8] = struct.pack(">II", side, side)
+        content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    elif form == "JPEG":
+        place = content.index(b"\xff\xc0") + 5
+        content[place : place + 4] = struct.pack(">HH", side, side)
+    else:
+        content[place : place + 8] = struct.pack("<ii", side, side)
+    path.write_bytes(content)
+    header = read_header(path)
+    assert (header.width, header.height) == (side, side)
+    with little_memory(), pytest.raises(DataError, match=r"announces 9000x9000 pixels, which"):
+        decode(path, header)
+
+
+@pytest.mark.parametrize("form", ["PNG", "JPEG", "BMP", "WEBP"])
+def test_a_large_image_of_one_colour_is_read(tmp_path, form):
+    path = tmp_path / "a"
+    Image.new("1" if form == "PNG" else "RGB", (3000, 2000)).save(path, form)
+    assert decode(path, read_header(path)).shape == (2000, 3000, 3)
 
 
 def test_grey_is_spread_over_the_channels(tmp_path):

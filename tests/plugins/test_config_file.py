@@ -216,6 +216,21 @@ def test_python_objects_are_never_made(tmp_path):
     assert "this is not valid YAML" in refusal(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("given: [[method]]\nmethod: demo\n", "given has ['method'], which has no value"),
+        ("given: [{a: 1}]\nmethod: demo\n", "given has {'a': 1}, which has no value"),
+        ("a: &a {b: *a}\n", "it is nested more than 100 levels deep"),
+        ("when: 2001-99-99\n", "month must be in"),
+    ],
+)
+def test_content_that_is_none_of_settings_is_refused(tmp_path, text, words):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    assert words in refusal(path)
+
+
 def test_a_newer_schema_is_refused_with_a_sentence(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text("schema: 2\ngsfw: 9.0.0\nmethod: demo\n")

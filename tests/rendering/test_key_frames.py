@@ -36,6 +36,12 @@ def written(tmp_path, document, name="path.json"):
     return file
 
 
+def test_a_path_of_too_many_frames_is_refused(tmp_path):
+    path = three(fps=1000.0, seconds=1e5)
+    with pytest.raises(DataError, match=r"would have 100,000,000 frames: 100000 s at 1000 per"):
+        read_path_file(write_camera_path(tmp_path / "path.json", path))
+
+
 def test_a_path_is_read_as_it_was_written(tmp_path):
     path = three(fps=10.0, seconds=1.5, width=320, height=180)
     found = read_path_file(write_camera_path(tmp_path / "a" / "path.json", path))

@@ -51,12 +51,33 @@ STRETCHED = 40_000
 """Length of a run of one character: a parser that is quadratic in it takes longer than it may."""
 COUNTED = 1 << 20
 """Numbers of four bytes from 1 to this are taken for lengths and counts."""
-NAME = re.compile(rb"[\w.-]*[A-Za-z_][\w./-]{2,}")
+NAME = re.compile(rb"[A-Za-z_][\w./-]{2,}")
 """Words of a text that may be names of files, cameras or settings."""
 FOREIGN_NAMES = (
     *(b"../outside.png", b"../../../../etc/passwd", b"/etc/passwd", b"/dev/zero", b"/dev/full"),
-    *(b"~", b"CON", b"nul.png", b"C:/a.png", b"\\\\\\\\host\\\\a", b"", b".", b"..", b"a/../a", b"x" * 5000),
-    *(b"a\\u0000b", b"a\0b", "\u00e4\u4e2d.png".encode(), b"\\ud800", b"\xff\xfe", b"%n%s", b" ", b"-", b"*"),
+    *(
+        b"~",
+        b"CON",
+        b"nul.png",
+        b"C:/a.png",
+        b"\\\\\\\\host\\\\a",
+        b"",
+        b".",
+        b"..",
+        b"a/../a",
+        b"x" * 5000,
+    ),
+    *(
+        b"a\\u0000b",
+        b"a\0b",
+        "\u00e4\u4e2d.png".encode(),
+        b"\\ud800",
+        b"\xff\xfe",
+        b"%n%s",
+        b" ",
+        b"-",
+        b"*",
+    ),
 )
 """Names that leave the folder, that no system has, or that only some have."""
 

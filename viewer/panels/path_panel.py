@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import numpy as np
 from viser import Icon
 
 from gsfw.core.errors import UserError
+from gsfw.core.files.json_text import parsed_json
 from gsfw.rendering.key_frames import (
     FPS,
     SECONDS,
@@ -257,7 +257,7 @@ class PathPanel(Panel):
     def _load(self, content: bytes) -> None:
         """Take the key frames of a file."""
         try:
-            path = camera_path_of(json.loads(content), "this file")
+            path = camera_path_of(parsed_json(content), "this file")
         except UserError as error:
             self._page.tell(f"{error.message} {error.advice}".strip(), "red")
             return

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Generator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from viser import Icon
 
+from gsfw.core.files.json_text import parsed_json
 from gsfw.core.words import clock
 from gsfw.viewer.export import export_splats
 from gsfw.viewer.live_run import LiveRun
@@ -157,7 +157,7 @@ def _finished(page: Page) -> list[tuple[str, str]]:
     path = page.session.folder / "metrics.json"
     if model.data.has_images and path.is_file():
         try:
-            summary = json.loads(path.read_text())
+            summary = parsed_json(path.read_text())
         except (OSError, ValueError):
             return rows
         for name, text in (("psnr", "{:.2f} dB"), ("ssim", "{:.4f}"), ("steps", "{:,}")):

@@ -129,3 +129,11 @@ def test_the_log_is_cut_back_to_the_checkpoint_and_a_torn_line_is_dropped(tmp_pa
     folder.metrics_log.write_text("\n".join(lines) + '\n{"step": 4')
     folder.cut_metrics_log(20)
     assert folder.metrics_log.read_text() == '{"step": 10}\n{"step": 20}\n'
+
+
+@pytest.mark.parametrize("line", [b"[1]", b"{}", b'{"step": "x"}', b"[" * 100_000, b"\xff"])
+def test_the_log_ends_before_a_line_that_is_none(tmp_path, line):
+    folder = RunFolder(tmp_path)
+    folder.metrics_log.write_bytes(b'{"step": 10}\n' + line + b'\n{"step": 20}\n')
+    folder.cut_metrics_log(20)
+    assert folder.metrics_log.read_text() == '{"step": 10}\n'

@@ -20,6 +20,19 @@ def test_only_what_an_earlier_run_wrote_is_removed(tmp_path):
     assert (tmp_path / "work/written.txt").read_text() == "images/c.jpg\n"
 
 
+def test_a_list_that_leads_elsewhere_removes_nothing(tmp_path):
+    out, precious = tmp_path / "out", tmp_path / "precious"
+    precious.mkdir()
+    (precious / "a.jpg").touch()
+    (out / "work").mkdir(parents=True)
+    (out / "link").symlink_to(precious)
+    names = ["../precious/a.jpg", f"{precious}/a.jpg", "link/a.jpg", "", ".", "..", "a\0b", "/"]
+    (out / "work/written.txt").write_text("\n".join(names))
+    start_over(out, [])
+    assert (precious / "a.jpg").exists()
+    assert (out / "link").is_symlink()
+
+
 def test_a_removed_image_or_part_of_the_model_is_noticed(tmp_path):
     names = ["images/a.jpg", "masks/a.jpg.png"]
     start_over(tmp_path, names)
