@@ -35,7 +35,7 @@ def cut_events(folder: Path, is_kept: Callable[[int, str], bool]) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    for path in sorted(folder.glob(PATTERN)):
+    for path in sorted(item for item in folder.glob(PATTERN) if item.is_file()):
         content = path.read_bytes()
         kept, number = [], 0
         for record, event in _events(content):

@@ -24,9 +24,9 @@ from gsfw.callbacks.event_files import cut_events
 from gsfw.core.cameras import Cameras
 from gsfw.core.config import DataManagerConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
+from gsfw.core.files.array_file import read_array
 from gsfw.core.files.folder_lock import Owner
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
-from gsfw.datamanagers.array_file import read_array
 from gsfw.datamanagers.calibration import read_calibration
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.images import decode, decode_mask, decode_numbers, read_header
@@ -40,7 +40,7 @@ from gsfw.plugins.registry import installed
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.journal import Journal
 from gsfw.preparation.writing.written_files import is_all_there
-from gsfw.rendering.frame_folder import _read as read_frames
+from gsfw.rendering.frame_folder import FrameFolder
 from gsfw.rendering.path_files import read_path_file
 from gsfw.reports.pictures import stored_pictures
 from gsfw.reports.run_page import run_page
@@ -51,6 +51,8 @@ from gsfw.studies.study_file import read_study
 
 WITHOUT_FILES = {"synthetic"}
 """Data managers that read none."""
+WRITING = {"run folder", "notes of a preparation", "frames of a film", "events"}
+"""Readers that also write."""
 DEEP, DEEPEST = 3, 9
 """Every third execution builds the cameras of a capture, every ninth decodes its images."""
 
@@ -70,6 +72,8 @@ class Target:
     """Executions in proportion to those of the other targets: few where reading takes long."""
     check: Callable[[Any], str] = lambda _: ""
     """Says what is wrong with what was read."""
+    writes: bool = False
+    """True if it changes the files that it reads: they are written anew before each execution."""
 
     def sets(self, folder: Path) -> list[FileSet]:
         """The sound files, by way of an empty folder."""
@@ -198,13 +202,13 @@ def _runs() -> Iterator[Target]:
         "camera path": (lambda path, _: read_path_file(path), 30),
         "edits": (lambda path, _: read_steps(path), 60),
         "notes of a preparation": (_read_work, 40),
-        "frames of a film": (lambda path, _: read_frames(path), 60),
+        "frames of a film": (_read_frames, 60),
         "package of a plugin": (_read_project, 60),
         "owner of a folder": (lambda path, _: Owner.read(path), 60),
         "events": (lambda path, _: cut_events(path, lambda step, tag: step < 3), 40),
     }
     for name, (read, share) in reads.items():
-        yield Target(name, read, RUN_FILES[name], share)
+        yield Target(name, read, RUN_FILES[name], share, writes=name in WRITING)
 
 
 def _read_run(path: Path, number: int) -> object:
@@ -219,6 +223,13 @@ def _read_work(path: Path, number: int) -> object:
     journal = Journal(path / "journal.json")
     journal.stage("match", {}, lambda: {"count": 3})
     return is_all_there(path), journal.seconds
+
+
+def _read_frames(path: Path, number: int) -> object:
+    same = FrameFolder(path, {}, ["0001.png"])
+    kept = same.kept, same.scales
+    FrameFolder(path, {"other": 1}, ["0001.png"]).start({})
+    return kept
 
 
 def _read_project(path: Path, number: int) -> object:

@@ -68,6 +68,7 @@ def _axis_angle(rotation: np.ndarray) -> list[float]:
 
 
 def colmap_binary(folder: Path) -> str:
+    """A binary model with a distorted lens, and a mask of one image."""
     capture = ring(VIEWS)
     lens = (*FOCAL, *CENTER, *DISTORTION.values())
     write_colmap(folder / "sparse/0", capture, model="OPENCV", params=lens)
@@ -77,12 +78,14 @@ def colmap_binary(folder: Path) -> str:
 
 
 def colmap_text(folder: Path) -> str:
+    """A model as text."""
     write_colmap(folder / "sparse/0", ring(VIEWS), ".txt")
     write_images(folder / "images", ring(VIEWS))
     return "."
 
 
 def transforms(folder: Path) -> str:
+    """With masks, depth maps, times, camera numbers, a split and points."""
     capture = ring(VIEWS)
     settings = [
         {"mask_path": "mask.png", "depth_file_path": f"{n}.npy", "time": n / 2, "camera_index": n}
@@ -101,6 +104,7 @@ def transforms(folder: Path) -> str:
 
 
 def blender(folder: Path) -> str:
+    """As NeRF-synthetic, with times."""
     for split, members in (("train", (0, 1)), ("test", (2,))):
         whole = ring(VIEWS)
         names = [f"./{split}/r_{index}" for index in members]
@@ -122,12 +126,14 @@ def _pose_bounds(capture: SmallCapture) -> np.ndarray:
 
 
 def llff(folder: Path) -> str:
+    """Poses and bounds of images."""
     write_images(folder / "images", ring(VIEWS))
     np.save(folder / "poses_bounds.npy", _pose_bounds(ring(VIEWS)))
     return "."
 
 
 def metashape(folder: Path) -> str:
+    """A chunk with a place in the world, a distorted lens, and points."""
     capture = ring(VIEWS)
     size = f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
     terms = "<f>70</f><cx>-1</cx><cy>1.5</cy><b1>-2</b1><k1>-0.1</k1><p1>0.002</p1>"
@@ -154,6 +160,7 @@ def metashape(folder: Path) -> str:
 
 
 def reality_capture(folder: Path) -> str:
+    """Rows with every term of the lens."""
     capture = ring(VIEWS)
     rows = ["#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"]
     for number, (pose, name) in enumerate(zip(capture.poses, capture.names, strict=True)):
@@ -166,6 +173,7 @@ def reality_capture(folder: Path) -> str:
 
 
 def polycam(folder: Path) -> str:
+    """Keyframes with their cameras."""
     capture = ring(VIEWS)
     for pose, name in zip(capture.poses, capture.names, strict=True):
         matrix = np.array(opengl(pose))
@@ -178,6 +186,7 @@ def polycam(folder: Path) -> str:
 
 
 def opensfm(folder: Path) -> str:
+    """A reconstruction with a lens of Brown, and points."""
     capture, longer = ring(VIEWS), max(WIDTH, HEIGHT)
     lens = {"projection_type": "brown", **SIZE, "focal_x": FOCAL[0] / longer}
     lens |= {"focal_y": FOCAL[1] / longer, "c_x": 0.0, "c_y": 0.02, "k3": 0.0, **DISTORTION}
@@ -206,6 +215,7 @@ def _wrapped(key: int, data: Mapping[str, Any], identifier: int, **more: str) ->
 
 
 def openmvg(folder: Path) -> str:
+    """Views, a radial lens, poses and points."""
     capture = ring(VIEWS)
     views = [
         {"local_path": "", "filename": name, **SIZE, "id_view": n, "id_intrinsic": 0, "id_pose": n}
@@ -232,6 +242,7 @@ def openmvg(folder: Path) -> str:
 
 
 def nerfies(folder: Path) -> str:
+    """Cameras, times, a split and points."""
     capture = ring(VIEWS)
     names = [f"left1_{number:06d}" for number in range(VIEWS)]
     for name, pose in zip(names, capture.poses, strict=True):
@@ -255,6 +266,7 @@ def nerfies(folder: Path) -> str:
 
 
 def neural_3d_folders(folder: Path) -> str:
+    """Images of each camera in folders."""
     capture = cameras(VIEWS)
     for name in capture.names:
         for time in range(TIMES):
@@ -264,6 +276,7 @@ def neural_3d_folders(folder: Path) -> str:
 
 
 def neural_3d_videos(folder: Path) -> str:
+    """A video of each camera."""
     capture = cameras(VIEWS)
     for name in capture.names:
         write_video(folder / f"{name}.mp4", TIMES)
@@ -272,6 +285,7 @@ def neural_3d_videos(folder: Path) -> str:
 
 
 def panoptic(folder: Path) -> str:
+    """Two lists of cameras, masks of what moves, and points."""
     capture = cameras(VIEWS)
     for file, own in (("train_meta.json", (0, 1)), ("test_meta.json", (2,))):
         names = [[f"{10 + c}/{time:06d}.jpg" for c in own] for time in range(TIMES)]
@@ -290,6 +304,7 @@ def panoptic(folder: Path) -> str:
 
 
 def colmap_per_frame(folder: Path) -> str:
+    """Two times, with a model of each."""
     capture = replace(ring(VIEWS), names=[f"cam{number:02d}.png" for number in range(VIEWS)])
     for time in range(2):
         write_colmap(folder / f"colmap_{time}/sparse/0", capture)
@@ -317,6 +332,7 @@ def _calibrated(folder: Path, file: str) -> None:
 
 
 def synchronised_json(folder: Path) -> str:
+    """Videos, and a calibration as JSON."""
     _calibrated(folder, "cameras.json")
     for name in cameras(VIEWS).names:
         write_video(folder / f"videos/{name}.mp4", TIMES)
@@ -324,6 +340,7 @@ def synchronised_json(folder: Path) -> str:
 
 
 def synchronised_toml(folder: Path) -> str:
+    """Videos, and a calibration as TOML."""
     _calibrated(folder, "Calib.toml")
     for name in cameras(VIEWS).names:
         write_video(folder / f"videos/{name}.mp4", TIMES)

@@ -85,6 +85,7 @@ def run(folder: Path) -> str:
 
 
 def config(folder: Path) -> str:
+    """Settings of a run."""
     write_run(folder, {"a": 20.0}, steps=20)
     for path in folder.iterdir():
         if path.name != "config.yaml":
@@ -93,11 +94,13 @@ def config(folder: Path) -> str:
 
 
 def study(folder: Path) -> str:
+    """A study with anchors, rules and columns."""
     (folder / "study.yaml").write_text(STUDY)
     return "study.yaml"
 
 
 def results(folder: Path) -> str:
+    """A result and a failure."""
     store = ResultStore(folder / "results.json", "A study")
     settings, figures = {"steps": 3, "method": "3dgs"}, {"psnr": 20.5, "steps": 3}
     store.keep(Result("a", "b", 1, "f", settings, settings, figures, {}, {}, "today"))
@@ -110,12 +113,14 @@ def _poses() -> list[torch.Tensor]:
 
 
 def key_frames(folder: Path) -> str:
+    """A path of key frames."""
     frames = tuple(KeyFrame(pose.float(), 50.0, 0.5, float(n)) for n, pose in enumerate(_poses()))
     write_camera_path(folder / "path.json", CameraPath(frames, 10.0, 2.0))
     return "path.json"
 
 
 def nerfstudio_path(folder: Path) -> str:
+    """A path of nerfstudio, and how it placed the world."""
     listed = [
         {"camera_to_world": pose.flatten().tolist(), "fov": 50, "render_time": 0.5}
         for pose in _poses()
@@ -128,6 +133,7 @@ def nerfstudio_path(folder: Path) -> str:
 
 
 def transforms_path(folder: Path) -> str:
+    """A path in the form of a data set."""
     listed = [{"transform_matrix": pose.tolist(), "time": 3.0} for pose in _poses()]
     content = {"frames": listed, "camera_angle_x": 0.9, "w": 64, "h": 48}
     (folder / "path.json").write_text(json.dumps(content))
@@ -135,6 +141,7 @@ def transforms_path(folder: Path) -> str:
 
 
 def edits(folder: Path) -> str:
+    """Steps of an edit."""
     steps = [{"edit": "crop.box", "value": "-1,-1,-1,1,1,1"}, {"edit": "scale", "value": "2"}]
     content = {"format": "gsfw edits", "version": 1, "input": "a.ply", "steps": steps}
     (folder / "a.edits.json").write_text(json.dumps(content))
@@ -159,15 +166,18 @@ def frames(folder: Path) -> str:
     """The list of the frames of a film that was interrupted."""
     content = {"schema": 1, "request": {"names": ["0001.png"]}, "scales": {"depth": [0.5, 4.0]}}
     (folder / "frames.json").write_text(json.dumps(content))
-    return "frames.json"
+    (folder / "0001.png").touch()
+    return "."
 
 
 def project(folder: Path) -> str:
+    """The metadata of a package with plugins."""
     (folder / "pyproject.toml").write_text(PROJECT)
     return "pyproject.toml"
 
 
 def owner(folder: Path) -> str:
+    """The note on who holds a folder."""
     content = {"pid": 2**22 + 1, "host": "elsewhere", "since": "2026-11-27 10:00:00 UTC"}
     (folder / "gsfw.lock").write_text(json.dumps(content))
     return "gsfw.lock"

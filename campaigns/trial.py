@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 
@@ -103,7 +104,7 @@ def tried(
     for files, place in zip(sets, places, strict=True):
         files.write(place)
         for depth in range(9):  # What reading loads once is no memory of a damaged file.
-            fault(lambda: target.read(place / files.entry, depth), 1 << 30, lambda _: "")
+            fault(partial(target.read, place / files.entry, depth), 1 << 30, lambda _: "")
     with little_memory():
         for number in numbers:
             begin(number)
@@ -145,11 +146,13 @@ def _execute(
     notes = number // 2 % TRACED == 0 and not measures
     tally.executions += 1
     tally.measured += measures
+    if target.writes:
+        files.write(place)
     with applied(place, files, change) as size:
         whole = size + sum(map(len, files.files.values()))
-        with traced() if measures else nullcontext():
-            with coverage.noted() if notes else nullcontext():
-                return fault(read, whole, target.check)
+        watch = traced() if measures else coverage.noted() if notes else nullcontext()
+        with watch:
+            return fault(read, whole, target.check)
 
 
 def _kept(keep: Path, finding: Finding, files: FileSet, place: Path, change: Damage) -> str:

@@ -167,6 +167,7 @@ def _trainer(
 ) -> tuple[Trainer, Timekeeper | None]:
     """The trainer of a restored run, and what keeps it in its time, if it has one."""
     from gsfw.core.loop.machine_clock import MachineClock
+    from gsfw.core.loop.run_folder import fitting_state
     from gsfw.planning.plan import resumed_timekeeper
     from gsfw.plugins.loading import check_callbacks
 
@@ -178,7 +179,8 @@ def _trainer(
         if "steps" not in changed:
             keeper = resumed_timekeeper(restored, MachineClock(began))
     trainer = restored.composition.trainer(restored.folder, callbacks, restored.step, keeper)
-    trainer.load_state_dict(restored.state)
+    with fitting_state(str(restored.folder.path)):
+        trainer.load_state_dict(restored.state)
     if "steps" in changed:
         trainer.walk.unhurried()
     return trainer, keeper

@@ -79,7 +79,7 @@ def _entries(file: Path) -> dict[str, Mapping[str, Any]]:
     """The settings of each camera: a list, or an object with the cameras' names as keys."""
     try:
         content = _parse(file)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(
             f"{file} cannot be read: {error}", "Write the file again; it may have been cut off."
         ) from error

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.array_file import read_numbers
+from gsfw.core.files.array_file import read_numbers
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.image_folder import ImageFolderConfig
 from gsfw.datamanagers.images import EXTENSIONS, read_header

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gsfw.core.batch import Resampling
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.array_file import ARRAYS, array_header, read_array
+from gsfw.core.files.array_file import ARRAYS, array_header, read_array
 from gsfw.datamanagers.images import EXTENSIONS, Header, decode_numbers, numbers_header
 
 MAP_EXTENSIONS = (*ARRAYS, *EXTENSIONS)

@@ -18,9 +18,9 @@ import torch
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.array_file import read_numbers
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import is_file
-from gsfw.datamanagers.array_file import read_numbers
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header

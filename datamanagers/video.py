@@ -343,6 +343,8 @@ def _count_stored(path: Path) -> int:
 
 
 def _reason(path: Path, error: Exception) -> str:
+    if path.is_dir():
+        return "this is a folder."
     if not path.exists():
         return "there is no such file."
     size = path.stat().st_size

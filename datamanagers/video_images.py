@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.array_file import read_array
+from gsfw.core.files.array_file import read_array
 from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.video import Shot, Video
 

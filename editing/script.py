@@ -137,7 +137,7 @@ def read_steps(path: Path) -> list[Step]:
             "Give an .edits.json file that gsfw edit has written.",
         )
     for name, _ in steps:
-        if name not in OPERATIONS:
+        if not isinstance(name, str) or name not in OPERATIONS:
             raise DataError(
                 f"edits={path}: there is no edit {name!r}.", "All edits: gsfw edit --help"
             )

@@ -16,7 +16,7 @@ from gsfw.core.column import Layout
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.evaluation import evaluate
 from gsfw.core.loop.rounded_model import Rounded, RoundedModel
-from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder, fitting_state
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import stage
 from gsfw.core.refinement.refiners import Refiners
@@ -65,7 +65,8 @@ def fine_tune(restored: Restored, steps: int, rounded: Rounded) -> Effect:
     with stage("fine-tuning", steps) as advance:
         folder, progress = _NoFolder(Path(os.devnull)), _Progress(first, advance)
         trainer = replace(composition, parts=parts, plan=plan).trainer(folder, [progress], first)
-        trainer.load_state_dict({**restored.state, "step": first})
+        with fitting_state(str(restored.folder.path)):
+            trainer.load_state_dict({**restored.state, "step": first})
         trainer.walk.unhurried()
         summary = trainer.fit()
     return Effect(usual, before, summary.get("psnr"))

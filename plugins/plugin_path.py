@@ -112,7 +112,7 @@ def _entry_points(project: Path) -> Mapping[str, str]:
         ) from None
     try:
         document = tomllib.loads(project.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"pyproject.toml cannot be read: {error}") from error
     names: list[str] = []
     for name in ("project", "entry-points", PROJECT):

@@ -11,7 +11,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.remote import is_remote
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.determinism import differences, environment
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder, fitting_state, read_checkpoint
 from gsfw.core.progress import stage
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
@@ -39,7 +39,8 @@ class Restored:
         """Differences from the machine of the checkpoint that may change bits."""
         parts = self.composition.parts
         now = environment(parts.device, parts.rasterizer.capabilities().details)
-        return differences(self.state["environment"], now)
+        with fitting_state(str(self.folder.path)):
+            return differences(self.state["environment"], now)
 
 
 def restore(
@@ -84,8 +85,9 @@ def restore(
     with stage("reading the checkpoint"):
         state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
-    composition.parts.model.load_state_dict(state["model"])
-    composition.parts.corrections.load_state(state)
+    with fitting_state(str(folder.path)):
+        composition.parts.model.load_state_dict(state["model"])
+        composition.parts.corrections.load_state(state)
     return Restored(folder, composition, state)
 
 

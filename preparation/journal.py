@@ -23,6 +23,10 @@ Document = dict[str, Any]
 """Plain data."""
 
 
+ENTRY = {"key": str, "finished": bool, "seconds": int | float, "result": dict}
+"""What the file says of a stage, with its type."""
+
+
 class Journal:
     """The stages, in the order in which they are asked for."""
 
@@ -101,8 +105,17 @@ def identity_of(path: Path) -> list[Any]:
 
 
 def _read(path: Path) -> dict[str, Document]:
+    """The stages of a file that are whole."""
     try:
         document = parsed_json(path.read_text("utf-8"))
-        return dict(document["stages"]) if document["schema"] == SCHEMA else {}
+        stages = dict(document["stages"]) if document["schema"] == SCHEMA else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
+    return {name: entry for name, entry in stages.items() if _is_whole(entry)}
+
+
+def _is_whole(entry: object) -> bool:
+    return isinstance(entry, dict) and all(
+        isinstance(entry.get(name), kind) and (kind is bool or not isinstance(entry[name], bool))
+        for name, kind in ENTRY.items()
+    )

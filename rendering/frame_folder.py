@@ -81,7 +81,9 @@ class FrameFolder:
 def _read(manifest: Path) -> Mapping[str, Any]:
     try:
         document = parsed_json(manifest.read_text(encoding="utf-8"))
-        sound = isinstance(document["request"]["names"], list) and {
+        names = document["request"]["names"]
+        sound = isinstance(names, list) and all(isinstance(name, str) for name in names)
+        sound = sound and {
             name: (float(low), float(high)) for name, (low, high) in document["scales"].items()
         } == {name: tuple(ends) for name, ends in document["scales"].items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

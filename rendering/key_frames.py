@@ -205,7 +205,7 @@ def path_frames(path: CameraPath, frames: int | None = None) -> PathFrames:
     count = max(round(length * path.fps), 1) if frames is None else frames
     if count > MOST_FRAMES:
         raise DataError(
-            f"the camera path would have {count:,} frames: {length:g} s at {path.fps:g} per second.",
+            f"the path would have {count:,} frames: {length:g} s at {path.fps:g} per second.",
             f"Shorten it: at most {MOST_FRAMES:,} are rendered.",
         )
     spline = PoseSpline(torch.stack([key.camera_to_world for key in keys]), knots, path.closed)

@@ -21,8 +21,14 @@ NOT_WRITABLE = (
     errno.ENOENT,
     errno.EEXIST,
     errno.ENAMETOOLONG,
+    errno.EISDIR,
+    errno.ELOOP,
 )
-"""System errors of an unusable place. (EEXIST: a file is in the place of a folder.)"""
+"""System errors of an unusable place.
+
+EEXIST: a file is in the place of a folder. EISDIR: a folder is in that of a file. ELOOP: links lead
+to each other.
+"""
 
 
 PLACE = "another place with out=DIR"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import DataError, UserError
 from gsfw.core.files.atomic import atomic_file, write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
 
@@ -192,7 +193,37 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
             f"{path}: expected checkpoint schema {CHECKPOINT_SCHEMA}, found {found}.",
             "It was written by another version of gsfw; use that one to read it.",
         )
+    if type(state.get("step")) is not int or state["step"] < 0:
+        raise DataError(
+            f"{path} is a damaged checkpoint: its step is {state.get('step')!r:.60}.",
+            "Use an earlier one.",
+        )
     return state
+
+
+@contextmanager
+def fitting_state(what: str) -> Iterator[None]:
+    """Turn errors of loading a state into a message: its content is not that of the run.
+
+    Args:
+        what: the checkpoint, or the folder that it is in.
+
+    Raises:
+        DataError: in place of the error.
+    """
+    import torch
+
+    try:
+        yield
+    except (UserError, torch.OutOfMemoryError):
+        raise
+    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise DataError(
+            f"the checkpoint of {what} does not fit the run: {type(error).__name__}: {problem}.",
+            "It is damaged, or of another run; give an earlier one, such as "
+            "RUN/checkpoints/step_N.pt.",
+        ) from error
 
 
 def checkpoint_environment(path: Path) -> dict[str, Any]:

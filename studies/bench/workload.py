@@ -6,7 +6,6 @@ Random splats fill an image as those of a trained scene do.
 from __future__ import annotations
 
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.array_file import array_names, read_array
 from gsfw.core.input_checks import check_values
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients
 from gsfw.core.render_settings import RenderSettings
@@ -144,13 +144,13 @@ def _arrays(path: Path) -> Mapping[str, Array]:
     try:
         if not zipfile.is_zipfile(path):
             raise ValueError("it is no zip archive of arrays, or was cut off")
-        with path.open("rb") as file:  # numpy leaves it open where the archive is damaged.
-            archive = np.load(file, allow_pickle=False)
-            raw = {name: archive[name] for name in FIELDS if name in archive}
-            found = ", ".join(archive.files) or "nothing"
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        names = array_names(path)
+        raw = {name: read_array(path, name) for name in FIELDS if name in names}
+        found = ", ".join(names) or "nothing"
+    except (OSError, ValueError) as error:  # A DataError is a ValueError.
+        reason = error.message if isinstance(error, DataError) else error
         raise DataError(
-            f"workload={path}: this is not an npz file that can be read: {error}.", ADVICE
+            f"workload={path}: this is not an npz file that can be read: {reason}.", ADVICE
         ) from None
     for name in FIELDS:
         if name not in raw:

@@ -54,31 +54,11 @@ COUNTED = 1 << 20
 NAME = re.compile(rb"[A-Za-z_][\w./-]{2,}")
 """Words of a text that may be names of files, cameras or settings."""
 FOREIGN_NAMES = (
-    *(b"../outside.png", b"../../../../etc/passwd", b"/etc/passwd", b"/dev/zero", b"/dev/full"),
-    *(
-        b"~",
-        b"CON",
-        b"nul.png",
-        b"C:/a.png",
-        b"\\\\\\\\host\\\\a",
-        b"",
-        b".",
-        b"..",
-        b"a/../a",
-        b"x" * 5000,
-    ),
-    *(
-        b"a\\u0000b",
-        b"a\0b",
-        "\u00e4\u4e2d.png".encode(),
-        b"\\ud800",
-        b"\xff\xfe",
-        b"%n%s",
-        b" ",
-        b"-",
-        b"*",
-    ),
-)
+    b"../outside.png", b"../../../../etc/passwd", b"/etc/passwd", b"/dev/zero", b"/dev/full", b"~",
+    b"CON", b"nul.png", b"C:/a.png", b"\\\\host\\a", b"", b".", b"..", b"a/../a", b"x" * 5000,
+    b"a\\u0000b", b"a\0b", "\u00e4\u4e2d.png".encode(), b"\\ud800", b"\xff\xfe", b"%n%s", b" ",
+    b"-", b"*",
+)  # fmt: skip
 """Names that leave the folder, that no system has, or that only some have."""
 
 Change = Callable[[Random, bytes, Sequence[bytes]], bytes]

@@ -8,7 +8,7 @@ import pytest
 from support.reader_faults import little_memory
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.array_file import array_header, read_array, read_numbers
+from gsfw.core.files.array_file import array_header, read_array, read_numbers
 
 
 @pytest.mark.parametrize("order", ["C", "F"])

@@ -28,6 +28,8 @@ ARRAYS = (".npy", ".npz")
 PARSING = Lock()
 """NumPy parses headers with ``ast.literal_eval``, which fails now and then where several threads
 parse at a time (SystemError: AST constructor recursion depth mismatch; CPython 3.11)."""
+NOT_READABLE = (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""Errors of damaged archives; NotImplementedError is a RuntimeError."""
 RATIO = 1032
 """Most bytes that Deflate makes of one: 258 of two bits (RFC 1951, 3.2.5)."""
 
@@ -50,6 +52,19 @@ def array_header(path: Path) -> ArrayHeader:
     """
     with _opened(path) as (file, _):
         return _header(file)
+
+
+def array_names(path: Path) -> tuple[str, ...]:
+    """Names of the arrays of an archive, in its order.
+
+    Raises:
+        DataError: it is no archive.
+    """
+    try:
+        with held(path, whole=True), zipfile.ZipFile(path) as archive:
+            return tuple(name.removesuffix(".npy") for name in archive.namelist())
+    except NOT_READABLE as error:
+        raise DataError(f"{path} cannot be read: {error}", "Copy it again.") from error
 
 
 def read_array(path: Path, name: str = "") -> Shaped[np.ndarray, ...]:
@@ -103,7 +118,7 @@ def _opened(path: Path, name: str = "") -> Iterator[tuple[BufferedIOBase, int]]:
                 yield cast(BufferedIOBase, member), min(entry.file_size, _most(entry))
     except DataError:
         raise
-    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+    except NOT_READABLE as error:
         raise DataError(f"{path} cannot be read: {error}", "Copy it again.") from error
 
 
