@@ -14,6 +14,7 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import is_there
 from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
@@ -193,7 +194,7 @@ def data_path(path: Path | None) -> Path:
             "the chosen datamanager reads files, and data is empty.",
             "Give the data set: data=DIR.",
         )
-    if not path.exists():
+    if not is_there(path):
         raise DataError(f"data={path}: there is no such file or folder.")
     return path
 

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import is_folder
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out
@@ -63,14 +64,14 @@ class OpenMvgConfig(ImageFolderConfig):
         images = self._images_of(content, root)
         views = [view for _, view in _entries(content, "views", file)]
         poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
-        placed = [view for view in views if view.get("id_pose") in poses]
+        placed = [view for view in views if _key(view.get("id_pose")) in poses]
         if not placed:
             raise DataError(
                 f"{file}: none of its {len(views)} views has a pose.",
                 "Give the file that OpenMVG's reconstruction wrote, not that of its listing.",
             )
         frames, missing = _frames(placed, poses, _lenses(content, file), images, file)
-        without = [_name(view) for view in views if view.get("id_pose") not in poses]
+        without = [_name(view) for view in views if _key(view.get("id_pose")) not in poses]
         (points, colors), point_note = self.start_points(root, _points(content, file))
         return Recording(
             name=root.name,
@@ -92,7 +93,7 @@ class OpenMvgConfig(ImageFolderConfig):
         stated = content.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
-                if folder.is_dir():
+                if is_folder(folder):
                     return ImageFolder(folder)
         return self.image_folder(root)
 
@@ -130,7 +131,12 @@ def _entries(
             data = mapping(mapping(value["ptr_wrapper"], where).get("data"), where)
             # Newer versions write the base class apart from what a class adds to it.
             value = {**value, **data, **mapping(data.get("value0", {}), where)}
-        yield outer.get("key"), value
+        yield _key(outer.get("key")), value
+
+
+def _key(value: object) -> int | str | None:
+    """A key of a map, or the reference to it; ``None`` for what can be none."""
+    return value if isinstance(value, int | str) else None
 
 
 def _name(view: Mapping[str, Any]) -> str:
@@ -193,10 +199,10 @@ def _frames(
         if image is None:
             missing.append(_name(view))
             continue
-        key = view.get("id_intrinsic")
+        key = _key(view.get("id_intrinsic"))
         if key not in lenses:
             raise DataError(f"{where}: there is no intrinsic {key}.", "Copy the file again.")
-        pose = _pose(poses[view.get("id_pose")], where)
+        pose = _pose(poses[_key(view.get("id_pose"))], where)
         frames.append(images.frame(image, lenses[key], pose, numbers_of[key]))
     return frames, missing
 

@@ -258,7 +258,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         ) from None
     try:
         # FFmpeg takes text before a colon in a relative path for a protocol.
-        container = av.open(str(path.absolute()))
+        container = av.open(str(path.absolute()), metadata_errors="replace")
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error
     with container:
@@ -336,7 +336,11 @@ def _count_stored(path: Path) -> int:
     import av
 
     try:
-        with av.open(str(path.absolute()), options={"ignore_editlist": "1"}) as container:
+        with av.open(
+            str(path.absolute()),
+            options={"ignore_editlist": "1"},
+            metadata_errors="replace",
+        ) as container:
             return sum(packet.size > 0 for packet in container.demux(container.streams.video[0]))
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error

@@ -19,6 +19,7 @@ from torch import Tensor
 from gsfw.core.config import DataManagerConfig, Detection
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.reading import is_there
 from gsfw.core.ranges import number
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
@@ -71,7 +72,7 @@ class BlocksConfig(DataManagerConfig):
 
     def _source(self, partition: Partition) -> Path:
         source = Path(self.source) if self.source else partition.data
-        if not source.exists():
+        if not is_there(source):
             raise DataError(
                 f"{partition.path} is of the data set {source}, and there is no such file or "
                 "folder.",

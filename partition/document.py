@@ -14,6 +14,7 @@ import numpy as np
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
+from gsfw.core.files.reading import is_there
 from gsfw.formats.json_fields import JsonFields
 from gsfw.partition.cells import Cell
 from gsfw.partition.ground import Ground
@@ -154,9 +155,12 @@ def read_partition(path: Path) -> Partition:
     if not blocks or len({block.name for block in blocks}) < len(blocks):
         raise DataError(f"{path}: it has no blocks, or two of one name.", ANEW)
     data = Path(fields.text("data"))
-    beside = (path.parent / fields.text("data_from_here")).resolve()
+    try:
+        beside = (path.parent / fields.text("data_from_here")).resolve()
+    except (OSError, ValueError, RuntimeError):
+        raise fields.refuse("data_from_here", "a path") from None
     return Partition(
-        data=data if data.exists() or not beside.exists() else beside,
+        data=data if is_there(data) or not is_there(beside) else beside,
         datamanager=fields.text("datamanager"),
         settings=fields.fields("settings").values,
         ground=Ground(ground.numbers("origin", 3), axes),

@@ -8,6 +8,7 @@ from typing import Any
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import is_there
 from gsfw.core.files.remote import is_remote
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.determinism import differences, environment
@@ -99,7 +100,7 @@ def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) ->
     """
     data = settings.config.data
     given = changed is not None and "data" in changed.values
-    if not data or given or is_remote(data) or Path(data).exists():
+    if not data or given or is_remote(data) or is_there(Path(data)):
         return
     model = folder.path / "model.gsfw"
     hint = f"where the data set is, gsfw export {folder.path} format=gsfw makes one"

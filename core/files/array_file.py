@@ -5,6 +5,7 @@ What a header announces is compared with the bytes of the file before there is m
 
 from __future__ import annotations
 
+import io
 import math
 import zipfile
 import zlib
@@ -30,6 +31,8 @@ PARSING = Lock()
 parse at a time (SystemError: AST constructor recursion depth mismatch; CPython 3.11)."""
 NOT_READABLE = (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 """Errors of damaged archives; NotImplementedError is a RuntimeError."""
+MOST_HEADER = 1 << 16
+"""Bytes that are read for a header; NumPy parses none of more than 10,000."""
 RATIO = 1032
 """Most bytes that Deflate makes of one: 258 of two bits (RFC 1951, 3.2.5)."""
 
@@ -150,13 +153,15 @@ def _most(entry: zipfile.ZipInfo) -> int:
 def _header(file: BufferedIOBase) -> ArrayHeader:
     try:
         with PARSING:
-            is_first = numpy_format.read_magic(file) == (1, 0)
+            head = io.BytesIO(file.read(MOST_HEADER))
+            is_first = numpy_format.read_magic(head) == (1, 0)
             read = (
                 numpy_format.read_array_header_1_0
                 if is_first
                 else numpy_format.read_array_header_2_0
             )
-            shape, is_fortran, dtype = read(file)
+            shape, is_fortran, dtype = read(head)
+            file.seek(head.tell())
     except OSError:
         raise
     except Exception as error:  # Python's tokenizer raises whatever a broken header makes it.

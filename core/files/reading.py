@@ -19,6 +19,16 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)
 
 
+def is_there(path: Path) -> bool:
+    """True if there is a file or a folder whose name comes from elsewhere; see ``is_file``."""
+    return os.path.exists(path)
+
+
+def is_folder(path: Path) -> bool:
+    """True if there is a folder whose name comes from elsewhere; see ``is_file``."""
+    return os.path.isdir(path)
+
+
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
     """Turn an error of the file system into a message that names the file.

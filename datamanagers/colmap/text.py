@@ -13,6 +13,8 @@ from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapIm
 
 PARAMETERS = dict(CAMERA_MODELS)
 POINT_LAYOUT = "POINT3D_ID X Y Z R G B ERROR TRACK"
+MOST_IMAGES = 2**32
+"""Numbers of images are below, in COLMAP's binary files."""
 
 
 def read_cameras(file: Path) -> dict[int, ColmapCamera]:
@@ -79,12 +81,12 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
         try:
             _, x, y, z, red, green, blue, *_ = line.split(maxsplit=7)
             points.append((float(x), float(y), float(z)))
-            colors.append((int(red), int(green), int(blue)))
+            colors.append([min(max(int(value), 0), 255) for value in (red, green, blue)])
         except ValueError:
             raise _unreadable(file, number, POINT_LAYOUT, line) from None
     return (
         np.array(points, np.float64).reshape(-1, 3),
-        np.array(colors, np.int64).reshape(-1, 3).clip(0, 255).astype(np.uint8),
+        np.array(colors, np.uint8).reshape(-1, 3),
     )
 
 
@@ -103,6 +105,8 @@ def read_tracks(file: Path) -> Tracks:
             error, *elements = line.split()[7:]
             errors.append(float(error))
             track = [int(image) for image in elements[::2]]
+            if max(map(abs, track), default=0) > MOST_IMAGES:
+                raise ValueError
         except ValueError:
             raise _unreadable(file, number, POINT_LAYOUT, line) from None
         images += track

@@ -140,3 +140,10 @@ def test_a_model_that_an_old_pycolmap_lacks_names_the_way_out(monkeypatch):
         f"camera 1: pycolmap {pycolmap.__version__} does not know cameras of the model EUCM.\n"
         "Install a newer one: pip install -U pycolmap."
     )
+
+
+@pytest.mark.parametrize(
+    "broken", [{"fx": 1e-310}, {"fy": 1e300}, {"cx": -1e300}, {"cy": 1e300}], ids=str
+)
+def test_a_focal_length_that_float32_does_not_hold_is_refused(broken):
+    assert "is no camera." in refusal(**broken)

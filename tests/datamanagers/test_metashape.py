@@ -237,3 +237,8 @@ def test_the_format_is_told_by_the_beginning_of_xml_files(tmp_path):
     assert MetashapeConfig.detect(tmp_path).found == "Metashape's cameras.xml"
     (tmp_path / "copy.xml").write_text((tmp_path / "cameras.xml").read_text())
     assert "found cameras.xml, copy.xml." in failure(tmp_path)
+
+
+def test_a_folder_with_the_name_of_a_file_is_none(tmp_path):
+    (write(tmp_path) / "other.xml").mkdir()
+    assert len(build(tmp_path).views(Split.TRAIN)) == 4

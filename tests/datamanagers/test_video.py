@@ -264,3 +264,9 @@ def test_videos_are_told_by_their_names(tmp_path):
     (tmp_path / "c.mp4").mkdir()
     found = {item.name: is_video(item) for item in tmp_path.iterdir()}
     assert found == {"a.MP4": True, "b.png": False, "c.mp4": False}
+
+
+def test_a_folder_is_no_video(tmp_path):
+    (tmp_path / "a.mp4").mkdir()
+    with pytest.raises(DataError, match=r"a\.mp4: this is a folder\."):
+        Video.read(tmp_path / "a.mp4")

@@ -1,5 +1,6 @@
 """Steps are read from text, applied in order, counted, and kept in a file that repeats them."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -159,3 +160,12 @@ def test_brightness_of_splats_keeps_their_degree_and_number():
     assert piece.note == "SH degree 1 -> 0"
     assert piece.piece.degree == 0
     assert len(piece.piece) == 40
+
+
+@pytest.mark.parametrize("name", [["crop.box"], {"a": 1}, 3, None])
+def test_a_name_that_is_no_text_is_refused(tmp_path, name):
+    path = tmp_path / "a.edits.json"
+    steps = [{"edit": name, "value": "1"}]
+    path.write_text(json.dumps({"format": "gsfw edits", "version": 1, "steps": steps}))
+    with pytest.raises(DataError, match="there is no edit"):
+        read_steps(path)

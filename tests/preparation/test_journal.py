@@ -93,3 +93,26 @@ def test_a_file_that_was_changed_is_another(tmp_path):
     assert identity_of(path) == before
     path.write_text("12")
     assert identity_of(path) != before
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {},
+        [],
+        {"key": 3, "finished": True, "seconds": 1.0, "result": {}},
+        {"key": "", "finished": 1, "seconds": 1.0, "result": {}},
+        {"key": "", "finished": True, "seconds": True, "result": {}},
+        {"key": "", "finished": True, "seconds": 1.0, "result": 3},
+    ],
+)
+def test_a_stage_that_is_not_whole_is_made_again(tmp_path, entry):
+    path = tmp_path / "journal.json"
+    stages = Stages(path)
+    stages.run()
+    document = json.loads(path.read_text())
+    document["stages"]["b"] = entry
+    path.write_text(json.dumps(document))
+    stages.run()
+    assert stages.made[0] == "b"
+    assert Journal(path).seconds == {}

@@ -68,6 +68,12 @@ def test_a_header_that_announces_more_than_the_file_has_gets_no_memory(
         read_array(lying(tmp_path / "a.npy", shape, kind))
 
 
+def test_a_header_that_announces_its_own_length_gets_no_memory_for_it(tmp_path):
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x02\x00\xff\xff\xff\x7f" + b" " * 40_000)
+    with little_memory(), pytest.raises(DataError, match="its header is damaged"):
+        read_array(tmp_path / "a.npy")
+
+
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
 def test_an_archive_whose_header_lies_gets_no_memory(tmp_path, method):
     inner = lying(tmp_path / "a.npy", b"(1000000000000,)").read_bytes()

@@ -3,7 +3,7 @@
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.core.files.reading import readable
+from gsfw.core.files.reading import is_file, is_folder, is_there, readable
 
 
 def test_a_file_that_cannot_be_read_is_named_with_the_cause(tmp_path):
@@ -16,3 +16,18 @@ def test_a_file_that_cannot_be_read_is_named_with_the_cause(tmp_path):
 def test_other_errors_pass(tmp_path):
     with pytest.raises(ZeroDivisionError), readable(tmp_path):
         _ = 1 / 0
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a\0b", "", ".", "..", "nowhere", "\udcff"])
+def test_a_name_that_no_file_has_is_none(tmp_path, name):
+    assert not is_file(tmp_path / name)
+    assert is_folder(tmp_path / name) == is_there(tmp_path / name) == (name in ("", ".", ".."))
+
+
+def test_files_folders_and_links_are_told_apart(tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "itself").symlink_to("itself")
+    (tmp_path / "link").symlink_to("file")
+    found = {name: is_file(tmp_path / name) for name in ("file", "itself", "link", ".")}
+    assert found == {"file": True, "itself": False, "link": True, ".": False}
+    assert not is_there(tmp_path / "itself")
