@@ -131,7 +131,13 @@ def _entries(
             data = mapping(mapping(value["ptr_wrapper"], where).get("data"), where)
             # Newer versions write the base class apart from what a class adds to it.
             value = {**value, **data, **mapping(data.get("value0", {}), where)}
-        yield _key(outer.get("key")), value
+        found = _key(outer.get("key"))
+        if found is None:
+            raise DataError(
+                f"{where}: a key is {outer.get('key')!r:.60}; expected a number.",
+                "Copy the file again.",
+            )
+        yield found, value
 
 
 def _key(value: object) -> int | str | None:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
+from gsfw.core.files.reading import is_file
 
 if TYPE_CHECKING:
     from gsfw.core.cameras import Cameras
@@ -63,8 +64,8 @@ class FrameFolder:
             return
         for name in self._found.get("request", {}).get("names", ()):
             # Only what an earlier run listed, and only in this folder.
-            if Path(name).name == name:
-                (self.path / name).unlink(missing_ok=True)
+            if Path(name).name == name and is_file(self.path / name):
+                (self.path / name).unlink()
         document = {"request": self._request, "scales": scales}
         write_atomically(self.path / MANIFEST, (json_text(document, indent=1) + "\n").encode())
 

@@ -194,3 +194,15 @@ def test_binary_files_lead_to_openmvgs_converter(tmp_path):
 def test_the_format_is_told_by_its_name(tmp_path):
     assert failure(tmp_path).startswith(f"{tmp_path} holds no sfm_data.json.")
     assert OpenMvgConfig.detect(write(tmp_path)).found == "sfm_data.json"
+
+
+def test_keys_and_folders_that_can_be_none_end_in_words(tmp_path):
+    content = scene(root_path="x" * 5000)
+    assert len(build(write(tmp_path, content)).views(Split.TRAIN)) == 4
+    content["views"][0]["value"]["ptr_wrapper"]["data"]["id_pose"] = [0]
+    write(tmp_path, content)
+    assert len(build(tmp_path).views(Split.TRAIN)) == 3
+    content["views"][2]["value"]["ptr_wrapper"]["data"]["id_intrinsic"] = {"a": 0}
+    assert "there is no intrinsic" in failure(write(tmp_path, content))
+    content["extrinsics"][1]["key"] = [1]
+    assert "extrinsics: a key is [1]; expected a number." in failure(write(tmp_path, content))

@@ -270,3 +270,11 @@ def test_a_folder_is_no_video(tmp_path):
     (tmp_path / "a.mp4").mkdir()
     with pytest.raises(DataError, match=r"a\.mp4: this is a folder\."):
         Video.read(tmp_path / "a.mp4")
+
+
+def test_metadata_that_is_no_text_is_no_hindrance(tmp_path):
+    path = write_video(tmp_path / "a.mp4")
+    content = path.read_bytes()
+    assert b"Lavf" in content
+    path.write_bytes(content.replace(b"Lavf", b"\xff\xfe\xff\xfe"))
+    assert len(Video.read(path)) == 10

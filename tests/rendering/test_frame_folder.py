@@ -44,6 +44,13 @@ def test_a_manifest_that_leads_elsewhere_removes_nothing(tmp_path):
     assert (tmp_path / "precious").exists()
 
 
+def test_names_of_an_earlier_run_that_are_no_files_are_passed_over(tmp_path):
+    started(tmp_path, {}, ["folder", "x" * 5000, "a\0b"])
+    (tmp_path / "folder").mkdir()
+    started(tmp_path, {"other": 1})
+    assert (tmp_path / "folder").is_dir()
+
+
 def test_a_damaged_manifest_is_as_none(tmp_path):
     for content in ("", "[]", "{}", json.dumps({"request": {}, "scales": 3})):
         (tmp_path / "frames.json").write_text(content)

@@ -92,3 +92,14 @@ def test_names_may_contain_spaces_and_the_last_line_may_be_missing(tmp_path):
     file = tmp_path / "images.txt"
     file.write_text("1 1 0 0 0 0 0 0 1 my photo.png")
     assert [image.name for image in text.read_images(file)] == ["my photo.png"]
+
+
+def test_numbers_of_any_length_in_a_text_end_in_data_or_words(tmp_path):
+    many = "9" * 40
+    (tmp_path / "points3D.txt").write_text(f"1 0 0 0 {many} -{many} 3 0.5 1 2\n")
+    points, colors = text.read_points(tmp_path / "points3D.txt")
+    assert points.tolist() == [[0, 0, 0]]
+    assert colors.tolist() == [[255, 0, 3]]
+    (tmp_path / "points3D.txt").write_text(f"1 0 0 0 1 2 3 0.5 {many} 2\n")
+    with pytest.raises(DataError, match="line 1 should be POINT3D_ID"):
+        text.read_tracks(tmp_path / "points3D.txt")
