@@ -33,7 +33,7 @@ class Results(Callback):
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the log; a resumed run continues at its checkpoint."""
         self._run, self._folder = run, RunFolder(run.folder)
-        self._folder.cut_metrics_log(run.first_step)
+        self._folder.cut_metrics_log(run.first_step, run.first_step == run.steps)
         with readable_write_errors(self._folder.metrics_log):
             self._log = self._folder.metrics_log.open("a", encoding="utf-8")
 

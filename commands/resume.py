@@ -256,7 +256,7 @@ def _is_finished(restored: Restored, console: Console) -> bool:
             f"steps={steps}: the run has done {done} steps already.",
             "Give a larger number, or an earlier checkpoint.",
         )
-    if done < steps or not restored.folder.summary.is_file():
+    if done < steps or not restored.folder.is_finished:
         return False
     run = restored.folder.path
     console.say(

@@ -110,7 +110,7 @@ class BlockTraining:
     def coarse_job(self) -> Job | None:
         """The run of the coarse model; ``None`` if it is finished, or not wanted."""
         folder = self.folder / COARSE
-        if not self.coarse.steps or RunFolder(folder).summary.is_file():
+        if not self.coarse.steps or RunFolder(folder).is_finished:
             return None
         kept = {
             key: text for key, text in self.given.items() if key.partition(".")[0] not in GROWTH
@@ -130,7 +130,7 @@ class BlockTraining:
     def block_job(self, block: Block) -> Job | None:
         """The run of a block; ``None`` if it is finished."""
         folder = self.run_of(block)
-        if RunFolder(folder).summary.is_file():
+        if RunFolder(folder).is_finished:
             return None
         own = {"datamanager.block": block.name}
         settings = {**self.given, **self.data_settings(**own)}

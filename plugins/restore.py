@@ -70,7 +70,7 @@ def restore(
     checkpoint = checkpoint or folder.latest_checkpoint()
     if checkpoint is None:
         raise DataError(
-            f"{folder.path} has no checkpoint.", "Train again into another folder with out=DIR."
+            f"{folder.path} has no checkpoint.", "Begin it again with its gsfw train command."
         )
     saved = read_config(folder.config, everything=True)
     # Runs of before there was this setting held out every n-th image by name.

@@ -101,7 +101,7 @@ class PlannedRun:
 
     def is_finished(self) -> bool:
         """True if its folder holds a complete result."""
-        return self.folder.summary.is_file()
+        return self.folder.is_finished
 
     def steps_done(self) -> int | None:
         """Steps of its last checkpoint; ``None`` where it cannot be resumed."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import UserError
+from gsfw.core.files.atomic import disk_error
 from gsfw.parallel.environment import is_follower
 from gsfw.plugins.registry import installed
 from gsfw.plugins.specs import PROJECT
@@ -53,12 +54,15 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
 
     Raises:
         RecordedError: in place of that error.
+        OutputError: in place of it if a disk is full or fails.
     """
     try:
         yield
     except (UserError, BrokenPipeError):
         raise
     except Exception as error:
+        if (clear := disk_error(error)) is not None:
+            raise clear from error
         if not stays():
             raise
         with folder.log.open("a", encoding="utf-8") as file:
@@ -76,6 +80,7 @@ def report(error: Exception, console: Console, debug: bool) -> int:
         return error.exit_code
     if debug:
         traceback.print_exception(error, file=sys.stderr)
+    error = disk_error(error) or error
     if isinstance(error, UserError):
         _tell(console, error.message, error.advice)
         return error.exit_code

@@ -183,7 +183,7 @@ class FollowingTraining:
                 "Give another folder (out=DIR after train=true), or remove this one; the data set "
                 "is done.",
             )
-        if not folder.summary.is_file():
+        if not folder.is_finished:
             return go_on([str(self.run), *self._shown(console)])
         if folder.splats.is_file():
             console.say(f"{self.run} is finished already: {folder.splats}")

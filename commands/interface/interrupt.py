@@ -1,12 +1,13 @@
 """Interrupt: effects of signals.
 
-Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. SIGTERM ends
-it after its step, however often it comes. Elsewhere a signal ends the program like an error, so
-that temporary files are removed.
+Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. SIGTERM, and
+SIGHUP at the end of a terminal, end it after its step, however often they come. Elsewhere a signal
+ends the program like an error, so that temporary files are removed.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -19,10 +20,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gsfw.core.callback import Control
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
 ENDING = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals that end a program; Windows has no SIGHUP."""
+
+SIGNALS = (signal.SIGINT, *ENDING)
+"""Signals that end a run after its step."""
 
 
 @dataclass
@@ -48,8 +50,9 @@ def stop_on_signal(
 ) -> Iterator[Interrupt]:
     """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at a later SIGINT.
 
-    A later SIGTERM changes nothing: a scheduler and the death of the parent process may both send
-    one, and neither means that the checkpoint is to be lost.
+    A later SIGTERM or SIGHUP changes nothing: a scheduler and the death of the parent process may
+    both send one, and neither means that the checkpoint is to be lost. An ignored SIGHUP stays
+    ignored, as nohup asks for that.
 
     Args:
         control: takes the request.
@@ -67,16 +70,31 @@ def stop_on_signal(
         name = signal.Signals(number).name
         control.request_stop(f"interrupted by {name}")
         if not is_quiet:
-            sys.stderr.write(
-                "\nstopping after this step, with a checkpoint; once more stops at once\n"
-            )
+            _tell("\nstopping after this step, with a checkpoint; once more stops at once\n")
 
-    before = {number: signal.signal(number, stop) for number in signals}
+    before = {
+        number: signal.signal(number, stop)
+        for number in signals
+        if number in (signal.SIGINT, signal.SIGTERM)
+        or signal.getsignal(number) is not signal.SIG_IGN
+    }
     try:
         yield interrupt
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _tell(text: str) -> None:
+    """Write to standard error; where its terminal is gone, this and all that follows is lost."""
+    try:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    except OSError:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):
+            os.dup2(nothing, stream)
+        os.close(nothing)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from gsfw.commands.interface.runs import RUNS
 from gsfw.core.errors import OutputError
-from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.files.atomic import PARTIAL, readable_write_errors
 from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
 from gsfw.core.loop.run_folder import RunFolder
 
@@ -41,6 +41,8 @@ def check_free(out: str) -> None:
 
 def _check_empty(out: str) -> None:
     path = Path(out)
+    if _is_remains(path):
+        return
     if (path / "config.yaml").exists():
         raise OutputError(
             f"out={out}: this folder holds a run already.",
@@ -50,6 +52,26 @@ def _check_empty(out: str) -> None:
         raise OutputError(
             f"out={out}: this folder is not empty.", "Choose a new or empty folder with out=DIR."
         )
+
+
+def _is_remains(path: Path) -> bool:
+    """True if nothing is there, or what a training leaves that is killed before a checkpoint."""
+    if not path.is_dir():
+        return not path.exists()
+    if not (path / LOCK).exists():
+        return not any(path.iterdir())
+    run = RunFolder(path)
+    begun = {run.config, run.plan, run.unfinished, run.checkpoints, path / LOCK, path / CLAIM}
+    if run.latest_checkpoint() is not None:
+        return False
+    return all(item in begun or item.name.endswith(PARTIAL) for item in path.iterdir())
+
+
+def _remove_remains(path: Path) -> None:
+    """Remove what a training has left that was killed before its first checkpoint."""
+    for item in path.iterdir():
+        if item.name not in (LOCK, CLAIM):
+            shutil.rmtree(item) if item.is_dir() else item.unlink()
 
 
 def _check_writable(path: Path, name: str) -> None:
@@ -113,6 +135,8 @@ def new_run_folder(path: Path, is_chosen: bool = True) -> Iterator[NewRun]:
     run = NewRun(RunFolder(path))
     with only_one(path, OTHERS):
         _check_empty(str(path))  # Another run may have begun, and ended, since.
+        with readable_write_errors(path):
+            _remove_remains(path)
         try:
             yield run
         except BaseException:

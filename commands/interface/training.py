@@ -103,15 +103,16 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
     report = RequirementsReport(trainer)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
-        summary = trainer.fit(afterwards=report.make)
-        ending = Ending(report.headline)
-        release_render_memory()
-        release_freed_memory()  # That of training and of the report.
-        if summary["completed"]:
-            ending.invisible = write_splats(trainer, console)
-            ending.learnt = write_corrections(trainer.parts, folder.path)
-            if trainer.info.settings["report"]:
-                report_training(trainer)
+        with folder.written_to():
+            summary = trainer.fit(afterwards=report.make)
+            ending = Ending(report.headline)
+            release_render_memory()
+            release_freed_memory()  # That of training and of the report.
+            if summary["completed"]:
+                ending.invisible = write_splats(trainer, console)
+                ending.learnt = write_corrections(trainer.parts, folder.path)
+                if trainer.info.settings["report"]:
+                    report_training(trainer)
     finally:
         trainer.parts.data.close()
     _tell(summary, trainer, console, ending)

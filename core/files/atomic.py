@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,9 @@ from shutil import rmtree
 from typing import BinaryIO
 
 from gsfw.core.errors import OutputError
+
+if sys.platform != "win32":
+    import fcntl
 
 NOT_WRITABLE = (
     errno.EACCES,
@@ -31,8 +35,37 @@ to each other.
 """
 
 
+WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
+"""System errors of a disk on which nothing can be locked."""
+TAKEN = (errno.EWOULDBLOCK, errno.ENOENT, errno.EACCES, errno.EPERM, errno.ELOOP)
+"""System errors of a partial file that another process writes, or that is another user's."""
+WITHOUT_SYNC = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EBADF)
+"""System errors of a disk whose folders cannot be synchronised."""
+PARTIAL = ".part"
+"""End of the name of a file that is being written; the name begins with a dot."""
+
+FAILED = tuple(
+    getattr(errno, name)
+    for name in (
+        *("EIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "EHOSTUNREACH", "ETIMEDOUT"),
+        *("ENODEV", "ENXIO", "EREMOTEIO", "ENOMEDIUM"),
+    )
+    if hasattr(errno, name)
+)
+"""System errors of a disk that fails, or of one on another machine that is out of reach."""
+
 PLACE = "another place with out=DIR"
 """Remedy of most verbs for a place that cannot be written to."""
+
+
+@contextmanager
+def suppress_errors(*numbers: int) -> Iterator[None]:
+    """Suppress some errors of the system, by their numbers."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in numbers:
+            raise
 
 
 @contextmanager
@@ -56,22 +89,46 @@ def readable_write_errors(path: Path) -> Iterator[None]:
     """Turn the system's write errors into one clear message.
 
     Raises:
-        OutputError: the disk is full, or the place is not writable.
+        OutputError: the disk is full or fails, or the place is not writable.
     """
     try:
         yield
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise OutputError(
-                f"the disk is full: {path} could not be written.",
-                f"Free some space, or choose {PLACE}.",
-            ) from error
-        if error.errno in NOT_WRITABLE:
-            raise OutputError(
-                f"{path} cannot be written: {os.strerror(error.errno or 0)}.",
-                f"Choose {PLACE}.",
-            ) from error
-        raise
+        clear = write_error(error, path)
+        if clear is None:
+            raise
+        raise clear from error
+
+
+def write_error(error: OSError, path: Path) -> OutputError | None:
+    """The clear message for a write error of the system; ``None`` for another kind of error."""
+    if error.errno in NOT_WRITABLE:
+        said = os.strerror(error.errno or 0)
+        return OutputError(f"{path} cannot be written: {said}.", f"Choose {PLACE}.")
+    return disk_error(error, path)
+
+
+def disk_error(error: BaseException, path: Path | None = None) -> OutputError | None:
+    """The clear message for a disk that is full or fails; ``None`` for another kind of error.
+
+    Args:
+        error: of the system, while something was written or read.
+        path: the file; ``None`` for the one that the error names.
+    """
+    if not isinstance(error, OSError):
+        return None
+    place = path or error.filename
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return OutputError(
+            f"the disk is full: {place or 'a file'} could not be written.",
+            f"Free some space, or choose {PLACE}.",
+        )
+    if error.errno in FAILED:
+        return OutputError(
+            f"the disk{f' of {place}' if place else ''} fails: {os.strerror(error.errno or 0)}.",
+            f"Check the disk and its connection, or choose {PLACE}.",
+        )
+    return None
 
 
 @contextmanager
@@ -79,24 +136,82 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file for writing so that at every moment the old or the complete new one exists.
 
     The file may be written part by part, and positions in it may be revisited (``seek``). An error
-    inside the block leaves the old file, if any, untouched, and no new folder.
+    inside the block leaves the old file, if any, untouched, and no new folder. After the block the
+    new file is on the disk: a power loss does not undo it. The partial file of a process that was
+    killed is overwritten by the next one that writes the file.
 
     Raises:
         OutputError: it cannot be written.
     """
     with readable_write_errors(path), without_new_folders(path.parent):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        make_folder(path.parent)
+        handle, name = _partial_file(path)
         try:
             with os.fdopen(handle, "wb") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            os.chmod(name, 0o666 & ~_umask())
-            os.replace(name, path)
+                os.chmod(name, 0o666 & ~_umask())
+                if os.name != "nt":  # The lock is held until the file has its name.
+                    os.replace(name, path)
+            if os.name == "nt":
+                os.replace(name, path)
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
+        keep_names(path.parent)
+
+
+def _partial_file(path: Path) -> tuple[int, str]:
+    """A new or emptied file beside ``path`` that no other process writes: handle and name.
+
+    Its name is always the same, so that killed processes leave one at most. While another process
+    writes the same file, and where files cannot be locked, it is a random one.
+    """
+    name = f"{path.parent / f'.{path.name}'}{PARTIAL}"
+    if sys.platform != "win32":
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+        with suppress_errors(*TAKEN, *WITHOUT_LOCKS):
+            handle = os.open(name, flags, 0o600)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                # Otherwise its writer has just given it its name.
+                if os.path.samestat(os.fstat(handle), os.lstat(name)):
+                    os.truncate(handle, 0)
+                    return handle, name
+                os.close(handle)
+            except BaseException:
+                os.close(handle)
+                raise
+    return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder and its parents, so that a power loss does not undo it.
+
+    Raises:
+        OSError: it cannot be created.
+    """
+    new = [item for item in (folder, *folder.parents) if not item.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for item in reversed(new):
+        keep_names(item.parent)
+
+
+def keep_names(folder: Path) -> None:
+    """Bring the names in a folder to the disk; they are not part of the files.
+
+    Raises:
+        OSError: the disk has failed.
+    """
+    if os.name == "nt":  # It has no such call.
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress_errors(*WITHOUT_SYNC):
+            os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 @contextmanager

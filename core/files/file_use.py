@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gsfw.core.files.folder_lock import WITHOUT_LOCKS
+from gsfw.core.files.atomic import WITHOUT_LOCKS
 
 if sys.platform != "win32":
     import fcntl

@@ -7,7 +7,6 @@ that only one process can create; it may outlive its process, so that its owner 
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import socket
@@ -19,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from gsfw.core.errors import OutputError
-from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.files.atomic import WITHOUT_LOCKS, make_folder, readable_write_errors
 from gsfw.core.files.json_text import parsed_json
 
 if sys.platform != "win32":
@@ -29,8 +28,6 @@ LOCK = ".lock"
 """Name of the locked file, which names its owner; it is kept, and marks the folder as gsfw's."""
 CLAIM = ".lock-owner"
 """Name of the file that only one process can create, on disks without locks."""
-WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
-"""System errors of a disk on which nothing can be locked."""
 FAR = 1 << 30
 """Byte that is locked on Windows, where a locked byte cannot be read: the content is before it."""
 ATTEMPTS = 100
@@ -146,7 +143,7 @@ def _taken(folder: Path, others: str, remedy: str) -> int:
     """
     for _ in range(ATTEMPTS):
         with readable_write_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
             with suppress(FileNotFoundError):
                 handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
                 try:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError, UserError
-from gsfw.core.files.atomic import atomic_file, write_atomically
+from gsfw.core.files.atomic import PARTIAL, atomic_file, write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
 
 if TYPE_CHECKING:
@@ -147,24 +147,53 @@ class RunFolder:
                     raise error.__context__ from None
                 raise
         kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
-        for other in self._all_checkpoints():
+        partial = self.checkpoints.glob(f".step_*{PARTIAL}")  # Of a process that was killed.
+        for other in (*self._all_checkpoints(), *partial):
             if other not in kept:
                 other.unlink(missing_ok=True)
         return path
 
-    def cut_metrics_log(self, step: int) -> None:
-        """Drop logged lines after ``step``, and a line truncated by a crash."""
+    @property
+    def is_finished(self) -> bool:
+        """True if a completed run has written all of its files."""
+        return self.summary.is_file() and not self.unfinished.exists()
+
+    @property
+    def unfinished(self) -> Path:
+        """Empty file that is there until a completed run has written all of its files."""
+        return self.path / ".unfinished"
+
+    @contextmanager
+    def written_to(self) -> Iterator[None]:
+        """Note that files are missing until the end of the block; after an error too.
+
+        Raises:
+            OutputError: nothing can be written.
+        """
+        write_atomically(self.unfinished, b"")
+        yield
+        self.unfinished.unlink(missing_ok=True)
+
+    def cut_metrics_log(self, step: int, is_evaluated_again: bool) -> None:
+        """Drop logged lines after ``step``, and a line truncated by a crash.
+
+        Args:
+            step: last one that is kept.
+            is_evaluated_again: true to drop the evaluation of that step, too.
+        """
         if not self.metrics_log.exists():
             return
         kept: list[str] = []
         for line in self.metrics_log.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
-                is_later = parsed_json(line)["step"] > step
+                document = parsed_json(line)
+                is_later = document["step"] > step
             except (ValueError, TypeError, KeyError):
                 break
             if is_later:
                 break
-            kept.append(line)
+            if document["step"] < step or "loss" in document or not is_evaluated_again:
+                kept.append(line)
         write_atomically(self.metrics_log, "".join(f"{line}\n" for line in kept).encode())
 
 

@@ -47,6 +47,19 @@ def test_a_run_that_lost_its_final_evaluation_gets_it(run, capsys):
     assert json.loads(RunFolder(run).summary.read_text())["psnr"] == before["psnr"]
 
 
+def test_a_run_that_was_killed_while_it_wrote_its_results_writes_them(run, capsys):
+    folder = RunFolder(run)
+    splats, log = folder.splats.read_bytes(), folder.metrics_log.read_text()
+    folder.splats.unlink()
+    folder.report.unlink()
+    folder.unfinished.touch()  # Until all is written.
+    assert main(["resume", str(run)]) == 0
+    assert folder.splats.read_bytes() == splats
+    assert folder.report.is_file()
+    assert len(folder.metrics_log.read_text().splitlines()) == len(log.splitlines())
+    assert not folder.unfinished.exists()
+
+
 def test_fewer_steps_than_done_are_refused(run, capsys):
     assert refusal(capsys, str(run), "steps=10") == (
         "error: steps=10: the run has done 20 steps already.\n"

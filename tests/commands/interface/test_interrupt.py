@@ -2,12 +2,15 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
 
 from gsfw.commands.interface.interrupt import (
     ENDING,
+    SIGNALS,
     interrupted_once,
     leave_on_signal,
     stop_on_signal,
@@ -16,7 +19,7 @@ from gsfw.commands.interface.interrupt import (
 from gsfw.core.callback import Control
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_the_first_signal_asks_to_stop_and_a_later_ctrl_c_stops_at_once(number, capsys):
     control = Control()
     with stop_on_signal(control) as interrupt:
@@ -24,10 +27,48 @@ def test_the_first_signal_asks_to_stop_and_a_later_ctrl_c_stops_at_once(number, 
         signal.raise_signal(number)
         assert interrupt.received
         assert control.stop_reason == f"interrupted by {number.name}"
-        signal.raise_signal(signal.SIGTERM)  # Of another program: it asks for the same.
+        for other in ENDING:  # Of other programs: they ask for the same.
+            signal.raise_signal(other)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert "stopping after this step, with a checkpoint" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
+def test_nohup_keeps_a_training_from_the_end_of_its_terminal():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stop_on_signal(Control()) as interrupt:
+            signal.raise_signal(signal.SIGHUP)
+        assert not interrupt.received
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+LEFT_ALONE = """
+import os, signal, sys
+from gsfw.commands.interface.interrupt import stop_on_signal
+from gsfw.core.callback import Control
+control = Control()
+with stop_on_signal(control):
+    os.read(0, 1)  # Until the terminal is gone.
+    signal.raise_signal(signal.SIGHUP)
+    print("nobody reads this", flush=True)
+open(sys.argv[1], "w").write(control.stop_reason)
+"""
+"""A program that gets SIGHUP when its terminal is gone already."""
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
+def test_a_training_whose_terminal_is_gone_stops_and_goes_on_without_lines(tmp_path):
+    terminal, inside = os.openpty()
+    command = [sys.executable, "-c", LEFT_ALONE, str(tmp_path / "reason")]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=inside, stderr=inside)
+    os.close(inside)
+    os.close(terminal)
+    process.communicate(b"x")
+    assert process.returncode == 0
+    assert (tmp_path / "reason").read_text() == "interrupted by SIGHUP"
 
 
 def test_afterwards_signals_are_handled_as_before():

@@ -106,12 +106,36 @@ def test_a_run_that_began_and_ended_since_the_first_look_is_not_written_over(tmp
     check_free(str(tmp_path / "run"))
     with new_run_folder(tmp_path / "run") as first:
         first.folder.config.write_text("seed: 1\n")
+        first.folder.write_checkpoint(0, {})
     with (
         pytest.raises(OutputError, match="holds a run already"),
         new_run_folder(tmp_path / "run"),
     ):
         pass
     assert (tmp_path / "run" / "config.yaml").is_file()
+
+
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path):
+    with new_run_folder(tmp_path / "run") as killed:
+        killed.folder.config.write_text("seed: 1\n")
+        killed.folder.checkpoints.mkdir()
+        (killed.folder.checkpoints / ".step_000000000.pt.part").write_bytes(b"half")
+        (tmp_path / "run" / ".config.yaml.part").write_bytes(b"half")
+    check_free(str(tmp_path / "run"))
+    with new_run_folder(tmp_path / "run"):
+        assert [item.name for item in (tmp_path / "run").iterdir()] == [LOCK]
+
+
+def test_what_a_killed_training_has_not_left_is_never_removed(tmp_path):
+    with new_run_folder(tmp_path / "run") as run:
+        run.folder.config.write_text("seed: 1\n")
+        run.folder.splats.write_bytes(b"a result without its checkpoints")
+    with pytest.raises(OutputError, match="holds a run already"):
+        check_free(str(tmp_path / "run"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "config.yaml").write_text("seed: 1\n")  # No training was here.
+    with pytest.raises(OutputError, match="holds a run already"):
+        check_free(str(tmp_path / "mine"))
 
 
 def test_runs_that_would_get_the_same_name_get_numbers(tmp_path):

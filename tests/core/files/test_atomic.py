@@ -1,9 +1,14 @@
 """Atomic files and folders: whole, or nothing, and errors in words."""
 
+import os
+import stat
+
 import pytest
 
 from gsfw.core.errors import OutputError
-from gsfw.core.files.atomic import folder_or_nothing
+from gsfw.core.files.atomic import atomic_file, folder_or_nothing, write_atomically
+
+posix = pytest.mark.skipif(os.name == "nt", reason="Windows has neither these locks nor fsync")
 
 
 def fail_within(folder):
@@ -30,3 +35,49 @@ def test_a_folder_that_was_there_stays(tmp_path):
 def test_a_name_that_no_system_takes_is_an_error_in_words(tmp_path):
     with pytest.raises(OutputError, match="too long"):
         fail_within(tmp_path / ("a" * 300))
+
+
+def test_the_partial_file_of_a_killed_process_is_overwritten(tmp_path):
+    (tmp_path / ".a.ply.part").write_bytes(b"half of a file, and longer than the new one")
+    write_atomically(tmp_path / "a.ply", b"new")
+    assert (tmp_path / "a.ply").read_bytes() == b"new"
+    if os.name != "nt":
+        assert os.listdir(tmp_path) == ["a.ply"]
+
+
+def test_two_writers_of_one_file_do_not_disturb_each_other(tmp_path):
+    path = tmp_path / "a.ply"
+    with atomic_file(path) as first:
+        first.write(b"fir")
+        with atomic_file(path) as second:
+            second.write(b"second")
+        assert path.read_bytes() == b"second"
+        first.write(b"st")
+    assert path.read_bytes() == b"first"
+    assert os.listdir(tmp_path) == ["a.ply"]
+
+
+@posix
+def test_a_link_in_the_place_of_the_partial_file_is_not_followed(tmp_path):
+    (tmp_path / "mine").write_bytes(b"mine")
+    (tmp_path / ".a.ply.part").symlink_to(tmp_path / "mine")
+    write_atomically(tmp_path / "a.ply", b"new")
+    assert (tmp_path / "mine").read_bytes() == b"mine"
+    assert (tmp_path / "a.ply").read_bytes() == b"new"
+
+
+@posix
+def test_the_names_of_new_files_and_folders_are_brought_to_the_disk(tmp_path, monkeypatch):
+    kept = []
+    fsync = os.fsync
+
+    def noted(handle: int) -> None:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            kept.append(os.readlink(f"/proc/self/fd/{handle}"))
+        fsync(handle)
+
+    if not os.path.isdir("/proc/self/fd"):
+        pytest.skip("this system does not tell the names of open files")
+    monkeypatch.setattr(os, "fsync", noted)
+    write_atomically(tmp_path / "a" / "b" / "c", b"new")
+    assert kept == [str(tmp_path), str(tmp_path / "a"), str(tmp_path / "a" / "b")]

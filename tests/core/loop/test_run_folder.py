@@ -127,7 +127,7 @@ def test_the_log_is_cut_back_to_the_checkpoint_and_a_torn_line_is_dropped(tmp_pa
     folder = RunFolder(tmp_path)
     lines = [json.dumps({"step": step}) for step in (10, 20, 30)]
     folder.metrics_log.write_text("\n".join(lines) + '\n{"step": 4')
-    folder.cut_metrics_log(20)
+    folder.cut_metrics_log(20, False)
     assert folder.metrics_log.read_text() == '{"step": 10}\n{"step": 20}\n'
 
 
@@ -135,5 +135,44 @@ def test_the_log_is_cut_back_to_the_checkpoint_and_a_torn_line_is_dropped(tmp_pa
 def test_the_log_ends_before_a_line_that_is_none(tmp_path, line):
     folder = RunFolder(tmp_path)
     folder.metrics_log.write_bytes(b'{"step": 10}\n' + line + b'\n{"step": 20}\n')
-    folder.cut_metrics_log(20)
+    folder.cut_metrics_log(20, False)
     assert folder.metrics_log.read_text() == '{"step": 10}\n'
+
+
+def test_an_evaluation_that_is_repeated_is_dropped_from_the_log(tmp_path):
+    folder = RunFolder(tmp_path)
+    evaluated = [{"step": 10, "eval/psnr": 1.0}, {"step": 20, "loss": 0.5}]
+    last = {"step": 20, "eval/psnr": 2.0}
+    text = "".join(json.dumps(line) + "\n" for line in (*evaluated, last))
+    folder.metrics_log.write_text(text)
+    folder.cut_metrics_log(20, False)
+    assert folder.metrics_log.read_text() == text
+    folder.cut_metrics_log(20, True)
+    left = folder.metrics_log.read_text().splitlines()
+    assert [json.loads(line) for line in left] == evaluated
+
+
+def test_a_run_is_finished_when_all_of_its_files_are_written(tmp_path):
+    folder = RunFolder(tmp_path)
+
+    def interrupted() -> None:
+        with folder.written_to():
+            folder.write_json(folder.summary, {"completed": True})
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert folder.summary.is_file()
+    assert not folder.is_finished
+    with folder.written_to():
+        pass
+    assert folder.is_finished
+
+
+def test_a_checkpoint_of_a_killed_process_that_is_not_whole_is_removed(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.write_checkpoint(1, {})
+    (folder.checkpoints / ".step_000000002.pt.part").write_bytes(b"half")
+    folder.write_checkpoint(3, {})
+    names = sorted(path.name for path in folder.checkpoints.iterdir())
+    assert names == ["step_000000001.pt", "step_000000003.pt"]

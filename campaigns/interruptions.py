@@ -1,0 +1,246 @@
+"""Interruptions: SIGKILL, signals and clock jumps at random points, and then the way to go on."""
+
+from __future__ import annotations
+
+import random
+import signal
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from campaign import Campaign, Detail, Outcome, Promise
+from file_faults import WINDOWS, Fault, Kind, ends_at
+from final_outputs import differences, final_outputs, negative_times
+from forked_commands import Command, Ended, Server
+from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
+
+SHARES = {"train": 0.45, "export": 0.22, "prepare": 0.17, "study": 0.08, "tradeoff": 0.08}
+"""Parts of the points for each verb: longer commands get fewer."""
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+LEAVING = {130, 128 + signal.SIGTERM, 128 + signal.SIGHUP}
+"""Exit codes after a signal."""
+
+DAY, YEAR = 86_400, 365 * 86_400
+
+MOST_TRIES = 4
+"""Times that a command may be given until it ends with exit code 0."""
+
+
+@dataclass
+class Tally:
+    """Counts of a campaign, and what broke a promise."""
+
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """By verb and kind of point."""
+    failures: list[str] = field(default_factory=list)
+
+    def count(self, verb: str, kind: str) -> None:
+        """Add a point."""
+        self.counts[verb, kind] += 1
+
+    def total(self, *kinds: str) -> int:
+        """Points of some kinds."""
+        return sum(number for (_, kind), number in self.counts.items() if kind in kinds)
+
+
+class Trials:
+    """Tries points of works, in one place."""
+
+    def __init__(self, server: Server, base: Path, seed: int) -> None:
+        self.server, self.place, self.inputs = server, base / "work", base / "inputs"
+        self.seed, self.random, self.tally = seed, random.Random(seed), Tally()
+        self._known: dict[Work, Undisturbed] = {}
+
+    def known(self, work: Work) -> Undisturbed:
+        """The undisturbed run of a work, made once."""
+        if work not in self._known:
+            self._known[work] = undisturbed(self.server, work, self.place, self.inputs)
+        return self._known[work]
+
+    def killed(self, verb: str, number: int) -> None:
+        """Kill a work of a verb at a random point, once or twice, and go on."""
+        works = WORKS[verb]
+        work = works[number % len(works)]
+        self.known(work)
+        kind = "at a random time" if number % 2 else "at a system call"
+        at, ended = self._killed(work, work.command(self.place, self.inputs), kind)
+        if ended is None:
+            return
+        self.tally.count(verb, kind)
+        if number % 4 > 1:
+            again, ended = self._killed(work, work.going_on(self.place, self.inputs), kind, False)
+            if ended is not None:
+                self.tally.count(verb, "again while it goes on")
+                at = f"{at}, then {again}"
+        self._check(work, at)
+
+    def _killed(
+        self, work: Work, command: Command, kind: str, is_first: bool = True
+    ) -> tuple[str, Ended | None]:
+        """Run a command and kill it; ``None`` where it ended before."""
+        known = self.known(work).ended
+        for _ in range(MOST_TRIES):
+            command, at = self._with_kill(command, known, kind)
+            if is_first:
+                work.begin(self.place, self.inputs)
+            ended = self.server.run(command)
+            if ended.code:
+                return at, ended
+            if not is_first:
+                break
+        return at, None
+
+    def _with_kill(self, command: Command, known: Ended, kind: str) -> tuple[Command, str]:
+        """A command that is killed, and the point in words."""
+        draw = self.random
+        command = replace(command, orphans_end=draw.random() < 0.5)
+        if kind == "at a system call":
+            fault = ends_at(draw.randint(1, known.calls), draw.random() < 0.5)
+            return replace(command, fault=fault), str(fault)
+        seconds = draw.random() * known.seconds
+        return replace(command, signals=((seconds, signal.SIGKILL),)), f"SIGKILL at {seconds:.2f} s"
+
+    def interrupted(self, verb: str, number: int, which: signal.Signals) -> None:
+        """Send a signal to a work of a verb at a random point, and go on."""
+        works = WORKS[verb]
+        work = works[number % len(works)]
+        known = self.known(work).ended
+        command = work.command(self.place, self.inputs)
+        if number % 2:
+            seconds = self.random.random() * known.seconds
+            command = replace(command, signals=((seconds, which),))
+            at = f"{which.name} at {seconds:.2f} s"
+        else:
+            call = self.random.randint(1, known.calls)
+            fault = Fault(Kind.SIGNAL, WINDOWS, which, call)
+            command, at = replace(command, fault=fault), str(fault)
+        work.begin(self.place, self.inputs)
+        ended = self.server.run(command)
+        self.tally.count(verb, which.name)
+        for problem in signal_problems(verb, ended, self.place):
+            self._fail(work, at, problem)
+        self._check(work, at)
+
+    def with_clock(self, verb: str, offset: int) -> None:
+        """Run a work whose clock jumps."""
+        work = self.random.choice(WORKS[verb])
+        fault = Fault(clock=offset, clock_at=self.random.randint(0, 60))
+        known = self.known(work)
+        work.begin(self.place, self.inputs)
+        ended = self.server.run(replace(work.command(self.place, self.inputs), fault=fault))
+        self.tally.count(verb, "clock jump")
+        if ended.code:
+            self._fail(work, str(fault), f"exit code {ended.code}: {ended.error}")
+            return
+        for difference in differences(known.outputs, final_outputs(self.place)):
+            self._fail(work, str(fault), difference)
+        for name in negative_times(self.place):
+            self._fail(work, str(fault), f"{name} is negative")
+
+    def _check(self, work: Work, at: str) -> None:
+        """Go on until the command is done; the outputs are those of the undisturbed run."""
+        for _ in range(MOST_TRIES):
+            ended = self.server.run(work.going_on(self.place, self.inputs))
+            if ended.code == 0 or ended.hung:
+                break
+        if ended.code:
+            said = (ended.error or ended.complained[-300:] or ended.said[-300:]).strip()
+            self._fail(work, at, f"going on ends with exit code {ended.code}: {said}")
+            return
+        for difference in differences(self.known(work).outputs, final_outputs(self.place)):
+            self._fail(work, at, difference)
+
+    def _fail(self, work: Work, at: str, what: str) -> None:
+        self.tally.failures.append(f"{work.name}, seed {self.seed}, {at}: {what}")
+
+
+def signal_problems(verb: str, ended: Ended, place: Path) -> Iterator[str]:
+    """What is wrong with the end of a command after a signal."""
+    if ended.hung:
+        yield "it hangs"
+    elif ended.code not in {0, *LEAVING}:
+        # A signal before the first line of the command ends the process as any other.
+        early = ended.code in {-each for each in SIGNALS} and not ended.said
+        if not early:
+            yield f"exit code {ended.code}: {ended.complained[-300:]}"
+    if "Traceback" in ended.complained:
+        yield f"it shows a traceback: {ended.complained[-1500:]}"
+    begun, done = ((place / name).exists() for name in ("metrics.jsonl", "metrics.json"))
+    stopped = verb == "train" and ended.code in LEAVING and begun and not done
+    if stopped and "stopped after" not in ended.said:
+        yield f"no checkpoint is said to be written: {ended.said[-300:]}"
+
+
+def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
+    """Try kill points, a third as many signals, and a twentieth as many clock jumps."""
+    with tempfile.TemporaryDirectory(prefix="gsfw-interruptions-") as folder:
+        base = Path(folder)
+        with Server(base / "server") as server:
+            make_inputs(server, base / "inputs")
+            trials = Trials(server, base, seed)
+            try_all(trials, size, say)
+    return outcome(trials.tally)
+
+
+def try_all(trials: Trials, size: int, say: Callable[[str], None]) -> None:
+    """Try all points of all verbs."""
+    for verb, share in SHARES.items():
+        for number in range(max(2, round(share * size))):
+            trials.killed(verb, number)
+        for number in range(max(3, round(share * size / 3))):
+            trials.interrupted(verb, number // 3, SIGNALS[number % 3])
+        for number in range(max(2, round(share * size / 20))):
+            trials.with_clock(verb, (-DAY, YEAR)[number % 2])
+        say(f"{verb}: {sum(trials.tally.counts.values())} points, "
+            f"{len(trials.tally.failures)} failures so far")  # fmt: skip
+
+
+KILLS = ("at a random time", "at a system call", "again while it goes on")
+NAMES = tuple(each.name for each in SIGNALS)
+
+
+def outcome(tally: Tally) -> Outcome:
+    """The promises, with the counts."""
+
+    def holds(*words: str) -> bool:
+        return not any(word in line for line in tally.failures for word in words)
+
+    columns = (*KILLS, *NAMES, "clock jump")
+    rows = [[verb, *(tally.counts[verb, kind] for kind in columns)] for verb in SHARES]
+    return Outcome(
+        [
+            Promise(
+                "A command that is killed goes on, and ends with the bits of an undisturbed one.",
+                "SIGKILL of all its processes at random times, and before or after random system "
+                "calls; then gsfw resume, or the same command.",
+                f"{tally.total(*KILLS)} kills of {', '.join(SHARES)}",
+                holds("SIGKILL"),
+            ),
+            Promise(
+                "Ctrl-C, SIGTERM and SIGHUP end a command in words, and it goes on.",
+                "Each signal at random times and system calls.",
+                f"{tally.total(*NAMES)} signals",
+                holds(*NAMES),
+            ),
+            Promise(
+                "A clock that jumps changes no result.",
+                "The clock goes back a day, or forward a year, during the command.",
+                f"{tally.total('clock jump')} jumps",
+                holds("clock moved"),
+            ),
+        ],
+        [Detail("Points by verb:", ("verb", *(f"{each}" for each in columns)), rows)],
+        tally.failures,
+    )
+
+
+CAMPAIGN = Campaign(
+    "interruptions",
+    "kills, signals and clock jumps at random points, then the way to go on",
+    "kill points",
+    200,
+    run,
+)
