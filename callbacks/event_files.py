@@ -12,7 +12,9 @@ of tensorboard's own writer take a second for each megabyte.
 from __future__ import annotations
 
 import struct
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from google.protobuf.message import DecodeError
@@ -23,6 +25,24 @@ from gsfw.core.files.atomic import write_atomically
 PATTERN = "events.out.tfevents.*"
 LENGTH, CHECKSUM = struct.Struct("<Q"), 4
 """Length of a content, and bytes of a checksum."""
+WRITING_THREAD = "_AsyncWriterThread"
+"""Class of tensorboard's threads that write events."""
+
+
+@contextmanager
+def told_once() -> Iterator[None]:
+    """Let threads that write events end without a traceback, as their writer tells their error."""
+    before = threading.excepthook
+
+    def tell(error: threading.ExceptHookArgs) -> None:
+        if type(error.thread).__name__ != WRITING_THREAD:
+            before(error)
+
+    threading.excepthook = tell
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def cut_events(folder: Path, is_kept: Callable[[int, str], bool]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,18 @@ from gsfw.core.loop.requirements import Requirements
 from gsfw.core.loop.run_folder import RunFolder
 
 logger = logging.getLogger("gsfw.run")
+
+
+class _LogFile(logging.FileHandler):
+    """A file whose lines may be lost: the disk of a run may be full, which the run itself tells."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Show no traceback for a line that cannot be written."""
+
+    def close(self) -> None:
+        """Close the file, even if its last line cannot be written."""
+        with suppress(OSError):
+            super().close()
 
 
 class Log(Callback):
@@ -33,7 +46,7 @@ class Log(Callback):
         """Open the file; log the method and the scene."""
         path = RunFolder(run.folder).log
         with readable_write_errors(path):
-            self._handler = logging.FileHandler(path, encoding="utf-8")
+            self._handler = _LogFile(path, encoding="utf-8")
         self._handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
         root = logging.getLogger("gsfw")
         self._level = root.level

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -24,7 +25,7 @@ from gsfw.callbacks.board_curves import (
 from gsfw.callbacks.board_hparams import hparam_events
 from gsfw.callbacks.board_images import captioned, comparison, summary_of
 from gsfw.callbacks.board_pages import findings_page, run_page, settings_page
-from gsfw.callbacks.event_files import cut_events
+from gsfw.callbacks.event_files import cut_events, told_once
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.core.loop.countdown import Countdown
@@ -58,6 +59,7 @@ class TensorBoard(Callback):
     def __init__(self, images: int) -> None:
         """Store the number of displayed held-out views per evaluation."""
         self._images = images
+        self._stack = ExitStack()
         self._writer: SummaryWriter | None = None
         self._run: RunInfo | None = None
         self._countdown: Countdown | None = None
@@ -71,6 +73,7 @@ class TensorBoard(Callback):
         self._run, self._countdown = run, Countdown(run)
         self._last_images = run.first_step
         path = RunFolder(run.folder).tensorboard
+        self._stack.enter_context(told_once())
         with readable_write_errors(path):
             cut_events(path, partial(_stays, run))
             self._writer = SummaryWriter(str(path))
@@ -185,9 +188,10 @@ class TensorBoard(Callback):
 
     def close(self) -> None:
         """Flush and close the events."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        with self._stack:
+            if self._writer is not None:
+                self._stack.callback(self._writer.close)
+                self._writer = None
 
 
 def _stays(run: RunInfo, step: int, tag: str) -> bool:

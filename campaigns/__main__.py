@@ -11,7 +11,14 @@ from importlib import import_module
 from campaign import Campaign, Record, commit, machine
 from promises import write_page
 
-CAMPAIGNS: tuple[str, ...] = ("no_network", "processors", "damaged_inputs")
+CAMPAIGNS: tuple[str, ...] = (
+    "no_network",
+    "processors",
+    "damaged_inputs",
+    "interruptions",
+    "failing_disks",
+    "power_loss",
+)
 """Modules with a ``CAMPAIGN``, in the order of the page."""
 
 

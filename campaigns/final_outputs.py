@@ -6,7 +6,7 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from gsfw.core.files.folder_lock import CLAIM, LOCK
 from gsfw.core.loop.run_folder import read_checkpoint
 
 TIMES = re.compile(
-    r"seconds|_ms|_mb|^(date|when|parallel|on_front|recommended|command|text|findings|remarks)$"
+    r"seconds|_ms|_mb|^(date|commit|when|readings|parallel|on_front|recommended|command|text|findings|remarks)$"
 )
 """Keys of plain data that hold times, memory, or what follows from them."""
 
@@ -56,7 +56,7 @@ def differences(expected: Mapping[str, Any], found: Mapping[str, Any]) -> Iterat
         elif name not in expected:
             yield f"{name} is left behind"
         elif expected[name] != found[name]:
-            yield f"{name} differs{_where(expected[name], found[name])}"
+            yield f"{name} differs at {_where(expected[name], found[name])}"
 
 
 def negative_times(folder: Path) -> Iterator[str]:
@@ -82,26 +82,47 @@ def _numbers(value: Any, key: str = "") -> Iterator[tuple[str, float]]:  # noqa:
 
 
 def _where(expected: object, found: object) -> str:
-    if not isinstance(expected, dict) or not isinstance(found, dict):
-        return ""
-    keys = [key for key in expected.keys() | found.keys() if expected.get(key) != found.get(key)]
-    return f" ({', '.join(sorted(map(str, keys))[:4])})"
+    """The first place in plain data that differs."""
+    keys: list[Any] = []
+    if isinstance(expected, dict) and isinstance(found, dict):
+        keys = sorted(expected.keys() | found.keys(), key=str)
+    elif isinstance(expected, list) and isinstance(found, list) and len(expected) == len(found):
+        keys = list(range(len(expected)))
+    for key in keys:
+        if isinstance(expected, dict) and isinstance(found, dict):
+            one, other = expected.get(key), found.get(key)
+        else:
+            one, other = expected[key], found[key]  # type: ignore[index]
+        if one != other:
+            return f".{key}{_where(one, other)}"
+    return f": {str(expected)[:80]} is {str(found)[:80]}"
 
 
 def _content(path: Path, name: str) -> Any:  # noqa: ANN401 - plain data
     if ONLY_THERE.match(name) or ONLY_THERE.search(f"/{name}"):
         return "there"
-    if path.suffix == ".pt":
-        state = read_checkpoint(path)
-        return {key: _digest(value) for key, value in state.items() if key != "train_seconds"}
-    if path.suffix == ".json":
-        return _timeless(json.loads(path.read_text()))
-    if path.suffix == ".jsonl":
-        return [_timeless(json.loads(line)) for line in path.read_text().splitlines()]
-    if path.suffix == ".csv":
-        with path.open(newline="") as file:
-            return [_timeless(row) for row in csv.DictReader(file)]
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    read = READERS.get(path.suffix)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if read is None else read(path)
+
+
+def _state(path: Path) -> dict[str, str]:
+    state = read_checkpoint(path)
+    return {key: _digest(value) for key, value in state.items() if key != "train_seconds"}
+
+
+def _rows(path: Path) -> Any:  # noqa: ANN401
+    with path.open(newline="") as file:
+        return [_timeless(row) for row in csv.DictReader(file)]
+
+
+READERS: Mapping[str, Callable[[Path], Any]] = {
+    ".pt": _state,
+    ".csv": _rows,
+    ".json": lambda path: _timeless(json.loads(path.read_text())),
+    ".jsonl": lambda path: [_timeless(json.loads(x)) for x in path.read_text().splitlines()],
+    ".md": lambda path: [x for x in path.read_text().splitlines() if not x.startswith("- gsfw ")],
+}
+"""What is compared of files by their suffix; of others all bytes."""
 
 
 def _timeless(value: Any) -> Any:  # noqa: ANN401 - plain data

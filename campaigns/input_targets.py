@@ -214,7 +214,7 @@ def _runs() -> Iterator[Target]:
 def _read_run(path: Path, number: int) -> object:
     folder = RunFolder(path)
     page = run_page(read_run(folder), None, [])
-    folder.cut_metrics_log(10)
+    folder.cut_metrics_log(10, False)
     stored_pictures(folder)
     return page
 

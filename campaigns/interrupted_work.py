@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,10 @@ from forked_commands import Command, Ended, Server
 from PIL import Image
 
 from gsfw.core.loop.run_folder import RunFolder
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from support import captured
 
 SCENE = (
     *("method=3dgs", "device=cpu", "datamanager.views=16", "datamanager.eval_views=2"),
@@ -135,7 +140,7 @@ def make_inputs(server: Server, inputs: Path) -> None:
     for name in ("model.ply", "model.gsfw"):
         (inputs / "exported" / name).write_bytes(b"a file of before")
     _write_capture(inputs / "capture")
-    _write_photos(server, inputs)
+    _write_photos(inputs / "photos")
 
 
 def _write_capture(folder: Path) -> None:
@@ -162,12 +167,10 @@ def _write_capture(folder: Path) -> None:
     (folder / "transforms.json").write_text(json.dumps(document))
 
 
-def _write_photos(server: Server, inputs: Path) -> None:
+def _write_photos(folder: Path) -> None:
     """Photos with texture from an arc, which cameras are found for."""
-    from support import captured
-
     cameras = captured.arc(PHOTOS, step=6.0, width=160, height=120)
-    captured.write(inputs / "photos", captured.photos(cameras), ".jpg")
+    captured.write(folder, captured.photos(cameras), ".jpg")
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,8 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
     except (UserError, BrokenPipeError):
         raise
     except Exception as error:
-        if (clear := disk_error(error)) is not None:
+        place = None if getattr(error, "filename", None) else folder.path
+        if (clear := disk_error(error, place)) is not None:
             raise clear from error
         if not stays():
             raise

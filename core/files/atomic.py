@@ -177,13 +177,23 @@ def _partial_file(path: Path) -> tuple[int, str]:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 # Otherwise its writer has just given it its name.
                 if os.path.samestat(os.fstat(handle), os.lstat(name)):
-                    os.truncate(handle, 0)
-                    return handle, name
-                os.close(handle)
+                    return _emptied(handle, name), name
             except BaseException:
                 os.close(handle)
                 raise
+            os.close(handle)
     return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+
+
+def _emptied(handle: int, name: str) -> int:
+    """The open partial file, which this process alone has, without what another left in it."""
+    if os.fstat(handle).st_size:
+        try:
+            os.truncate(handle, 0)
+        except BaseException:
+            os.unlink(name)
+            raise
+    return handle
 
 
 def make_folder(folder: Path) -> None:

@@ -8,8 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gsfw.core.errors import DataError, UserError
-from gsfw.core.files.atomic import PARTIAL, atomic_file, write_atomically
+from gsfw.core.errors import DataError, OutputError, UserError
+from gsfw.core.files.atomic import (
+    PARTIAL,
+    atomic_file,
+    readable_write_errors,
+    write_atomically,
+)
 from gsfw.core.files.json_text import json_text, parsed_json
 
 if TYPE_CHECKING:
@@ -48,6 +53,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._is_watched = False
 
     @property
     def config(self) -> Path:
@@ -138,6 +144,7 @@ class RunFolder:
         import torch
 
         check_finite(state)
+        self._check_there()
         path = self.checkpoint(step)
         with atomic_file(path) as file:
             try:
@@ -168,11 +175,29 @@ class RunFolder:
         """Note that files are missing until the end of the block; after an error too.
 
         Raises:
-            OutputError: nothing can be written.
+            OutputError: nothing can be written, or the folder is gone in the meantime.
         """
         write_atomically(self.unfinished, b"")
-        yield
-        self.unfinished.unlink(missing_ok=True)
+        self._is_watched = True
+        try:
+            yield
+            self._check_there()
+        finally:
+            self._is_watched = False
+        with readable_write_errors(self.path):
+            self.unfinished.unlink()
+
+    def _check_there(self) -> None:
+        """Refuse to write where the disk of the run was before it was unmounted.
+
+        Raises:
+            OutputError: the folder of the run is gone.
+        """
+        if self._is_watched and not self.unfinished.exists():
+            raise OutputError(
+                f"{self.path} is gone: it was removed, or its disk is no longer there.",
+                f"Bring the disk back, and go on with gsfw resume {self.path}.",
+            )
 
     def cut_metrics_log(self, step: int, is_evaluated_again: bool) -> None:
         """Drop logged lines after ``step``, and a line truncated by a crash.

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import re
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import torch
 
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.failure import RecordedError, report, tracebacks_in
-from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.errors import ConfigError, OutputError, TrainingError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
@@ -156,3 +157,25 @@ def test_an_unexpected_error_has_no_file_where_the_temporary_folder_is_full(caps
     monkeypatch.setattr("tempfile.mkstemp", full)
     assert report(RuntimeError("no"), Console(), debug=False) == 1
     assert "debug=true shows the traceback." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC, errno.ESTALE])
+def test_a_disk_that_fails_anywhere_is_one_sentence(capsys, number):
+    error = OSError(number, os.strerror(number), "images/a.png")
+    assert report(error, Console(), debug=False) == 2
+    said = capsys.readouterr().err
+    assert said.count("error: ") == 1
+    assert said.startswith("error: the disk ")
+    assert "images/a.png" in said
+
+
+def test_a_disk_that_fails_during_a_run_leaves_no_traceback(tmp_path):
+    folder = RunFolder(tmp_path)
+
+    def fail() -> None:
+        with tracebacks_in(folder, lambda: True):
+            raise OSError(errno.EIO, "Input/output error")
+
+    with pytest.raises(OutputError, match=f"the disk of {tmp_path} fails"):
+        fail()
+    assert not folder.log.exists()

@@ -1,12 +1,19 @@
 """Atomic files and folders: whole, or nothing, and errors in words."""
 
+import errno
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
 from gsfw.core.errors import OutputError
-from gsfw.core.files.atomic import atomic_file, folder_or_nothing, write_atomically
+from gsfw.core.files.atomic import (
+    atomic_file,
+    folder_or_nothing,
+    readable_write_errors,
+    write_atomically,
+)
 
 posix = pytest.mark.skipif(os.name == "nt", reason="Windows has neither these locks nor fsync")
 
@@ -81,3 +88,35 @@ def test_the_names_of_new_files_and_folders_are_brought_to_the_disk(tmp_path, mo
     monkeypatch.setattr(os, "fsync", noted)
     write_atomically(tmp_path / "a" / "b" / "c", b"new")
     assert kept == [str(tmp_path), str(tmp_path / "a"), str(tmp_path / "a" / "b")]
+
+
+@posix
+def test_a_partial_file_that_cannot_be_emptied_is_removed(tmp_path, monkeypatch):
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / ".a.ply.part").write_bytes(b"half")
+    monkeypatch.setattr(os, "truncate", fail)
+    with pytest.raises(OutputError, match="the disk is full"):
+        write_atomically(tmp_path / "a.ply", b"new")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (errno.ENOSPC, "the disk is full: a.ply could not be written."),
+        (errno.EIO, "the disk of a.ply fails: Input/output error."),
+        (errno.ESTALE, "the disk of a.ply fails: "),
+        (errno.EROFS, "a.ply cannot be written: Read-only file system."),
+    ],
+)
+def test_each_way_in_which_a_disk_fails_is_a_sentence_with_advice(number, said):
+    def fail() -> None:
+        with readable_write_errors(Path("a.ply")):
+            raise OSError(number, "")
+
+    with pytest.raises(OutputError) as caught:
+        fail()
+    assert caught.value.message.startswith(said)
+    assert "another place with out=DIR" in caught.value.advice

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -176,3 +177,17 @@ def test_a_checkpoint_of_a_killed_process_that_is_not_whole_is_removed(tmp_path)
     folder.write_checkpoint(3, {})
     names = sorted(path.name for path in folder.checkpoints.iterdir())
     assert names == ["step_000000001.pt", "step_000000003.pt"]
+
+
+def test_a_run_whose_disk_is_gone_writes_nothing_in_its_place(tmp_path):
+    folder = RunFolder(tmp_path / "run")
+
+    def train() -> None:
+        with folder.written_to():
+            shutil.rmtree(folder.path)  # Its disk is unmounted.
+            with pytest.raises(OutputError, match="run is gone: it was removed, or its disk"):
+                folder.write_checkpoint(1, {})
+            assert not folder.path.exists()
+
+    with pytest.raises(OutputError, match="go on with gsfw resume"):
+        train()
