@@ -22,7 +22,7 @@ from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
 from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import read_checkpoint
 
-SHARES = {"train": 0.45, "export": 0.25, "prepare": 0.15, "study": 0.15}
+SHARES = {"train": 0.45, "export": 0.3, "prepare": 0.17, "study": 0.08}
 """Parts of the faults for each verb."""
 
 WRITING = (Calls.OPEN, Calls.WRITE, Calls.MKDIR, Calls.TRUNCATE)
@@ -253,8 +253,11 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
             disks = Disks(server, base, seed)
             for verb, share in SHARES.items():
                 for number in range(max(1, round(share * size))):
+                    before = len(disks.failures)
                     disks.attempt(verb, disks.trial(verb, number))
-                say(f"{verb}: {sum(disks.counts.values())} faults, {len(disks.failures)} failures")
+                    for line in disks.failures[before:]:
+                        say(line)
+                say(f"{verb}: {sum(disks.counts.values())} faults so far")
     return outcome(disks)
 
 

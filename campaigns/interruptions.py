@@ -189,14 +189,16 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
 def try_all(trials: Trials, size: int, say: Callable[[str], None]) -> None:
     """Try all points of all verbs."""
     for verb, share in SHARES.items():
+        told = len(trials.tally.failures)
         for number in range(max(2, round(share * size))):
             trials.killed(verb, number)
         for number in range(max(3, round(share * size / 3))):
             trials.interrupted(verb, number // 3, SIGNALS[number % 3])
         for number in range(max(2, round(share * size / 20))):
             trials.with_clock(verb, (-DAY, YEAR)[number % 2])
-        say(f"{verb}: {sum(trials.tally.counts.values())} points, "
-            f"{len(trials.tally.failures)} failures so far")  # fmt: skip
+        for line in trials.tally.failures[told:]:
+            say(line)
+        say(f"{verb}: {sum(trials.tally.counts.values())} points so far")
 
 
 KILLS = ("at a random time", "at a system call", "again while it goes on")
