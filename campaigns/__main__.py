@@ -12,6 +12,9 @@ from campaign import Campaign, Record, commit, machine
 from promises import write_page
 
 CAMPAIGNS: tuple[str, ...] = (
+    *("damaged_inputs", "interruptions", "failing_disks", "power_loss"),
+    *("no_network", "processors"),
+)
     "no_network",
     "processors",
     "damaged_inputs",
