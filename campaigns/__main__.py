@@ -15,13 +15,6 @@ CAMPAIGNS: tuple[str, ...] = (
     *("damaged_inputs", "interruptions", "failing_disks", "power_loss"),
     *("no_network", "processors"),
 )
-    "no_network",
-    "processors",
-    "damaged_inputs",
-    "interruptions",
-    "failing_disks",
-    "power_loss",
-)
 """Modules with a ``CAMPAIGN``, in the order of the page."""
 
 
