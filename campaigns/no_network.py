@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from campaign import ROOT, Campaign, Detail, Outcome, Promise
-from offline import Watched, has_strace, refusal, run_offline
+from without_network import Watched, has_strace, refusal, run_offline
 
 SCENE = (
     *("device=cpu", "datamanager.views=8", "datamanager.width=32", "datamanager.height=24"),

@@ -24,7 +24,7 @@ Document = dict[str, Any]
 
 
 ENTRY = {"key": str, "finished": bool, "seconds": int | float, "result": dict}
-"""What the file says of a stage, with its type."""
+"""Entries of a stage in the file, with their types."""
 
 
 class Journal:

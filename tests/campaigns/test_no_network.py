@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from contact_log import contact
 from no_network import SCENE, USES, failed, possible, use_offline
-from offline import has_strace, is_here, refusal, run_offline
 from support.plugin_files import HEAD, hook
+from without_network import has_strace, is_here, refusal, run_offline
 
 from gsfw.plugins.registry import installed
 
