@@ -64,12 +64,11 @@ lists those that were repeated. No test of numerics is repeated.
 WHOLE_RUNS = {"commands", "plugins"}
 """Folders whose tests are of runs as a whole, not of the parts that these are made of."""
 
-
 CHARTS = {"charts", "reports"}
 """Folders whose tests look at charts."""
 
 FINE, COARSE = style.DPI, 30
-"""Dots per inch of charts: of every test, and of whole runs that only have to draw some."""
+"""Dots per inch of charts: of every test, and of short whole runs that only have to draw some."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -111,7 +110,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     folders = set(item.path.relative_to(TESTS).parts[:-1])
     whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
     Budget.start(0 if whole else MOST_CHECKS)
-    draw_at(COARSE if whole and not folders & CHARTS else FINE)
+    short = whole and "slow" not in marks
+    draw_at(COARSE if short and not folders & CHARTS else FINE)
     return (yield)
 
 
@@ -130,6 +130,12 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
     # Caches of tools have names with a dot; whatever a test of another worker has left is its own.
     assert not left, f"left in {ROOT} during this test (or one that ran beside it): {sorted(left)}"
     return result
+
+
+@pytest.fixture
+def fine_charts() -> None:
+    """Charts of their usual resolution, in a test of a whole run."""
+    draw_at(FINE)
 
 
 @pytest.fixture

@@ -349,6 +349,7 @@ def test_what_cannot_be_is_one_sentence_with_a_remedy(finished_run, capsys, argu
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("fine_charts")
 def test_a_run_of_what_moves_has_figures_over_time(moving_run, tmp_path, capsys):
     summary = json.loads((moving_run / "metrics.json").read_text())
     assert summary["moving_psnr"] < summary["psnr"]

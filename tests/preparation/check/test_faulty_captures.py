@@ -69,7 +69,13 @@ def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp
             Weight.STOP,
             "Restore the order",
         ),
-        (faults.poses_exchanged, "poses exchanged", Weight.LIMIT, "Exchange their poses"),
+        pytest.param(
+            faults.poses_exchanged,
+            "poses exchanged",
+            Weight.LIMIT,
+            "Exchange their poses",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             faults.camera_turned,
             "cameras misplaced",
@@ -77,7 +83,13 @@ def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp
             "Leave these images out",
             marks=pytest.mark.slow,
         ),
-        (faults.focal_lengths_spread, "focal lengths differ", Weight.LIMIT, "cameras=one"),
+        pytest.param(
+            faults.focal_lengths_spread,
+            "focal lengths differ",
+            Weight.LIMIT,
+            "cameras=one",
+            marks=pytest.mark.slow,
+        ),
         (faults.masks_named_otherwise, "masks not used", Weight.LIMIT, "view_00.jpg.png or view"),
         (faults.unlit, "unlit images", Weight.LIMIT, "Remove them"),
         pytest.param(
