@@ -38,7 +38,8 @@ BLOCKS = ("steps=3", "coarse.steps=3", "coarse.points=100", "report=false")
 
 OF_RAY = "executor=ray"
 """The word that asks for Ray. Its own processes ask the address at which clouds tell a machine
-where it runs (169.254.169.254, metadata.google.internal), though its usage statistics are off."""
+where it runs (169.254.169.254, metadata.google.internal), though its usage statistics are off.
+Without other interfaces it listens on loopback in any case: a test asks it where there are some."""
 
 USES: tuple[tuple[str, ...], ...] = (
     ("train", "method=3dgs", *SCENE, "steps=4", "checkpoint_every=2", "out=run"),
