@@ -196,6 +196,9 @@ class Disks:
                     lost = subprocess.Popen(["sh", "-c", words])
                     ended = self.server.run(command)
                     lost.wait()
+                    if not ended.code and self.place.exists():
+                        # It was unmounted before the command began to write.
+                        shutil.copytree(self.place, kept / self.place.name, dirs_exist_ok=True)
             shutil.rmtree(disk)
             kept.rename(disk)
         finally:
@@ -236,7 +239,7 @@ def ending_problems(ended: Ended) -> Iterator[str]:
         yield f"it shows a traceback: {ended.complained[-1200:]}"
     if "failed unexpectedly" in ended.complained:
         yield f"no message for users: {ended.error.strip()}"
-    if ended.code == 2 and ended.complained.count("error: ") != 1:
+    if ended.code == 2 and f"\n{ended.complained}".count("\nerror: ") != 1:
         yield f"not one sentence: {ended.complained[-600:]}"
     # A study tells of the runs that have failed, and goes on.
     is_study = ended.code == 1 and ": failed: " in ended.said

@@ -68,8 +68,8 @@ class Ended:
     @property
     def error(self) -> str:
         """The lines from ``error:`` on; empty if there are none."""
-        _, found, after = self.complained.rpartition("error: ")
-        return found + after
+        _, found, after = f"\n{self.complained}".rpartition("\nerror: ")
+        return f"error: {after}" if found else ""
 
 
 class Server:

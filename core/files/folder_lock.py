@@ -100,7 +100,8 @@ def only_one(folder: Path, others: str, remedy: str = REMEDY) -> Iterator[int]:
         yield handle
     finally:
         _name_owner(handle, b"")
-        os.close(handle)
+        with suppress(OSError):  # The error of a disk that fails is told by what has failed.
+            os.close(handle)
         claim = Owner.read(folder / CLAIM)
         if claim is not None and (claim.pid, claim.host) == (owner.pid, owner.host):
             (folder / CLAIM).unlink(missing_ok=True)
