@@ -54,7 +54,7 @@ class Work:
     """Name of the verb, and of its kind."""
     words: tuple[str, ...]
     """Its arguments; below {place} it writes, {inputs} it reads."""
-    goes_on: Callable[[Path], tuple[str, ...]] | None = None
+    goes_on: Callable[[Path], tuple[str, ...] | None] = lambda place: None
     """Arguments that go on with what is in the place; ``None`` for the same command."""
     inputs: str = ""
     """Folder among the inputs that is copied to the place first; empty for none."""
@@ -78,15 +78,18 @@ class Work:
 
     def going_on(self, place: Path, inputs: Path) -> Command:
         """The command that goes on, as the documentation says."""
-        command = self.command(place, inputs)
-        return command if self.goes_on is None else Command(self.goes_on(place), str(place))
+        words = self.goes_on(place)
+        return self.command(place, inputs) if words is None else Command(words, str(place))
 
 
-def resumed_or_begun(place: Path) -> tuple[str, ...]:
-    """``gsfw resume`` from the first checkpoint on; the same command before."""
-    if RunFolder(place).latest_checkpoint() is not None:
-        return ("resume", str(place))
-    return ("train", *SCENE, *LENGTH, f"out={place}")
+def training(*length: str) -> Work:
+    """A training that goes on by ``gsfw resume`` from its first checkpoint on."""
+
+    def resumed(place: Path) -> tuple[str, ...] | None:
+        has_any = RunFolder(place).latest_checkpoint() is not None
+        return ("resume", str(place)) if has_any else None
+
+    return Work("train", ("train", *SCENE, *length, "out={place}"), resumed)
 
 
 def _export(suffix: str, inputs: str = "") -> Work:
@@ -95,7 +98,7 @@ def _export(suffix: str, inputs: str = "") -> Work:
 
 
 WORKS = {
-    "train": (Work("train", ("train", *SCENE, *LENGTH, "out={place}"), resumed_or_begun),),
+    "train": (training(*LENGTH),),
     "export": (
         *map(_export, (".ply", ".spz", ".sog", ".gsfw", ".glb", ".ksplat")),
         # In place of a file of before.

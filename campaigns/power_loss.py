@@ -18,8 +18,8 @@ from pathlib import Path
 from campaign import Campaign, Detail, Outcome, Promise
 from disk_states import Fate, Operation, read_log, states, write_state
 from final_outputs import differences, final_outputs
-from forked_commands import Command, Server
-from interrupted_work import LENGTH, SCENE, resumed_or_begun
+from forked_commands import Server
+from interrupted_work import LENGTH, Work, training
 
 from gsfw.core.errors import DataError, UserError
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
@@ -116,13 +116,13 @@ def check_states(
 class Loss:
     """A training on a disk, and what is left of it after power losses."""
 
-    def __init__(self, server: Server, base: Path) -> None:
-        self.server, self.root, self.resumed = server, base / "disk", 0
+    def __init__(self, server: Server, base: Path, work: Work) -> None:
+        self.server, self.root, self.resumed, self.work = server, base / "disk", 0, work
         self.run = self.root / "run"
         self.root.mkdir()
         log = base / "log"
-        command = Command(("train", *SCENE, *LENGTH, f"out={self.run}"), str(self.root))
-        done = server.run(replace(command, log=str(log)))
+        command = work.command(self.run, base)
+        done = server.run(replace(command, folder=str(self.root), log=str(log)))
         if done.code:
             raise RuntimeError(done.complained)
         self.operations = read_log(log)
@@ -135,7 +135,7 @@ class Loss:
         if number % RESUMED_EVERY:
             return
         self.resumed += 1
-        ended = self.server.run(Command(resumed_or_begun(self.run), str(root)))
+        ended = self.server.run(self.work.going_on(self.run, root))
         if ended.code:
             yield f"going on ends with exit code {ended.code}: {ended.error.strip()}"
             return
@@ -149,7 +149,7 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="gsfw-power-loss-") as folder:
         base = Path(folder)
         with Server(base / "server") as server:
-            loss = Loss(server, base)
+            loss = Loss(server, base, training(*LENGTH))
             say(f"{len(loss.operations)} operations")
             draw = random.Random(seed)
             found = check_states(loss.operations, loss.root, size, draw, loss.check)

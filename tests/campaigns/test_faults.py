@@ -15,14 +15,16 @@ from failing_disks import Disks, Trial, ending_problems
 from file_faults import Calls, Fault, Kind, compiler, fails_with
 from final_outputs import differences, negative_times
 from forked_commands import Ended, Server
-from interrupted_work import LENGTH, SCENE, WORKS, Work, make_inputs
+from interrupted_work import SCENE, WORKS, Work, make_inputs, training
 from interruptions import Trials, signal_problems
 from power_loss import Loss, check_states
 
 from gsfw.core.loop.run_folder import RunFolder
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs Linux and a C compiler (cc)")
-TRAIN, EXPORT = WORKS["train"][0], WORKS["export"][6]
+QUICK = ("steps=8", "checkpoint_every=4", "eval_every=0", "report=false")
+TRAIN = training(*QUICK)
+EXPORT = WORKS["export"][6]
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +43,9 @@ def server(base):
 @needs_compiler
 def test_killed_and_interrupted_commands_go_on(server, base, monkeypatch):
     monkeypatch.setitem(WORKS, "export", (EXPORT,))
+    monkeypatch.setitem(WORKS, "train", (TRAIN,))
     trials = Trials(server, base, 5)
-    trials.killed("train", 2)
+    trials.killed("train", 0)
     trials.killed("export", 1)
     trials.killed("export", 2)
     trials.interrupted("train", 0, signal.SIGHUP)
@@ -77,7 +80,7 @@ def test_disks_fail_in_words_and_damage_nothing(server, base):
         Fault(Kind.SHORT, Calls.WRITE, at=1),
     ):
         disks.attempt("export", Trial(EXPORT, "a fault", fault))
-    disks.attempt("train", Trial(TRAIN, "stale", fails_with("ESTALE", 250, (*Calls,), True)))
+    disks.attempt("train", Trial(TRAIN, "stale", fails_with("ESTALE", 150, (*Calls,), True)))
     assert disks.failures == []
     assert disks.ends["one sentence, exit code 2"] >= 3
     assert len(failing_disks.outcome(disks).promises) == 2
@@ -101,9 +104,9 @@ def test_a_damaged_checkpoint_and_a_cut_file_of_before_are_found(server, base, t
 def test_a_training_survives_power_losses_and_would_not_without_each_fsync(
     server, tmp_path, monkeypatch
 ):
-    loss = Loss(server, tmp_path)
+    loss = Loss(server, tmp_path, TRAIN)
     monkeypatch.setattr("power_loss.RESUMED_EVERY", 10**9)
-    found = check_states(loss.operations, loss.root, 140, random.Random(1), loss.check)
+    found = check_states(loss.operations, loss.root, 70, random.Random(1), loss.check)
     assert found.failures == []
     folder = str(loss.run / "checkpoints")
 
@@ -111,7 +114,7 @@ def test_a_training_survives_power_losses_and_would_not_without_each_fsync(
         kept = [
             item for item in loss.operations if not (item.kind == "fsync" and is_left_out(item))
         ]
-        return check_states(kept, loss.root, 140, random.Random(1), loss.check).failures
+        return check_states(kept, loss.root, 70, random.Random(1), loss.check).failures
 
     def of_the_folder(item: Operation) -> bool:
         return item.path == folder
@@ -176,7 +179,7 @@ def test_differences_name_the_file_and_the_place(tmp_path):
 
 def test_works_name_their_place_and_the_length_of_a_training(tmp_path):
     command = TRAIN.command(tmp_path / "a", tmp_path / "b")
-    assert command.words == ("train", *SCENE, *LENGTH, f"out={tmp_path / 'a'}")
+    assert command.words == ("train", *SCENE, *QUICK, f"out={tmp_path / 'a'}")
     assert TRAIN.going_on(tmp_path / "a", tmp_path).words == command.words
     RunFolder(tmp_path / "a").write_checkpoint(3, {})
     assert TRAIN.going_on(tmp_path / "a", tmp_path).words == ("resume", str(tmp_path / "a"))
