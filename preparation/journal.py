@@ -24,7 +24,7 @@ Document = dict[str, Any]
 
 
 ENTRY = {"key": str, "finished": bool, "seconds": int | float, "result": dict}
-"""Entries of a stage in the file, with their types."""
+"""Facts that the file states of each stage, with their types."""
 
 
 class Journal:

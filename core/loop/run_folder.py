@@ -206,7 +206,7 @@ class RunFolder:
             step: last one that is kept.
             is_evaluated_again: true to drop the evaluation of that step, too.
         """
-        if not self.metrics_log.exists():
+        if not self.metrics_log.is_file():
             return
         kept: list[str] = []
         for line in self.metrics_log.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -191,3 +191,10 @@ def test_a_run_whose_disk_is_gone_writes_nothing_in_its_place(tmp_path):
 
     with pytest.raises(OutputError, match="go on with gsfw resume"):
         train()
+
+
+def test_a_folder_in_place_of_the_log_is_left_alone(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.metrics_log.mkdir()
+    folder.cut_metrics_log(20, False)
+    assert folder.metrics_log.is_dir()
