@@ -138,6 +138,9 @@ class DataManager(ABC):
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:  # noqa: B027
         """Start to decode views that are likely to be loaded next; may do nothing."""
 
+    def drop_images(self) -> None:  # noqa: B027
+        """Keep half as many decoded images from now on, as memory is short; may do nothing."""
+
     def notes(self) -> tuple[str, ...]:
         """Notes for the user: the recognised format, and the skipped data."""
         return ()
@@ -179,6 +182,10 @@ class WrappedDataManager(DataManager):
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:
         """Start decoding in the wrapped data manager."""
         self.given.prefetch(split, indices)
+
+    def drop_images(self) -> None:
+        """Keep fewer images in the wrapped data manager."""
+        self.given.drop_images()
 
     def notes(self) -> tuple[str, ...]:
         """The notes of the wrapped data manager."""

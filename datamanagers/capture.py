@@ -274,6 +274,10 @@ class Capture(DataManager):
         assert fitted is not None
         return torch.from_numpy(~fitted)[..., None]
 
+    def drop_images(self) -> None:
+        """Keep half as many decoded images from now on."""
+        self._loader.drop_images()
+
     def close(self) -> None:
         """Stop decoding and free the images."""
         self._loader.close()

@@ -51,6 +51,11 @@ class ImageCache:
             started[index] = self.request(index)
         return started
 
+    def halve(self) -> None:
+        """Keep half as many bytes from now on; the images that were used last stay."""
+        self._budget //= 2
+        self._make_room(0)
+
     def close(self) -> None:
         """Stop decoding and free the images."""
         self._pool.shutdown(cancel_futures=True)
@@ -62,10 +67,14 @@ class ImageCache:
         if index in self._held:
             self._held.move_to_end(index)
             return self._held[index]
-        while self._held and self._used + self.sizes[index] > self._budget:
-            oldest, future = self._held.popitem(last=False)
-            future.cancel()
-            self._used -= self.sizes[oldest]
+        self._make_room(self.sizes[index])
         self._used += self.sizes[index]
         self._held[index] = self._pool.submit(self._decode, index)
         return self._held[index]
+
+    def _make_room(self, size: int) -> None:
+        """Drop the images that were not used for longest, until ``size`` bytes more fit."""
+        while self._held and self._used + size > self._budget:
+            oldest, future = self._held.popitem(last=False)
+            future.cancel()
+            self._used -= self.sizes[oldest]

@@ -120,6 +120,10 @@ class Loader:
             return PlacedImage.on_host(self._cache.get(number))
         return self._there.get(number)
 
+    def drop_images(self) -> None:
+        """Keep half as many decoded images in main memory from now on."""
+        self._cache.halve()
+
     def close(self) -> None:
         """Stop decoding and sending, and free the images."""
         self._cache.close()

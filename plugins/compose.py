@@ -387,5 +387,6 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
         max_skipped=config.max_skipped,
         records_steps=config.graph == "auto",
         pace=config.pace,
+        checks_memory=config.check_memory,
         held_back=config.held_back,
     )

@@ -1,4 +1,4 @@
-"""Full memory: a GPU that has no room for the next step; what is kept, and what to change."""
+"""Full memory: no room for the next step, of a GPU or in main memory; what is kept and helps."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from gsfw.core.errors import OutputError, TrainingError
+from gsfw.core.errors import NotEnoughMemoryError, OutputError, TrainingError
 from gsfw.core.loop.growth_limit import LIMITS
+from gsfw.core.machine_memory import MachineMemory
+from gsfw.core.words import size
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
@@ -54,12 +56,34 @@ def memory_full(error: torch.OutOfMemoryError, trainer: Trainer) -> TrainingErro
     return TrainingError(
         f"the GPU's memory is full after {trainer.step} steps, with "
         f"{len(trainer.parts.table):,} Gaussians{lack}.",
-        _advice(trainer),
+        _advice(trainer, "gpu_cache_mb", "device=cpu"),
     )
 
 
-def _advice(trainer: Trainer) -> str:
-    """The settings of this run that need less, and the state that is kept."""
+def main_memory_full(trainer: Trainer, memory: MachineMemory) -> NotEnoughMemoryError:
+    """The error for a run that main memory has no room for; writes a checkpoint.
+
+    Args:
+        trainer: between two steps.
+        memory: that is left.
+    """
+    with suppress(OutputError, ValueError):  # The last one stays.
+        trainer.keep_state()
+    return NotEnoughMemoryError(
+        f"memory is full after {trainer.step} steps, with {len(trainer.parts.table):,} Gaussians: "
+        f"{size(memory.free + memory.swap)} are free, and {memory}.",
+        _advice(trainer, "cache_mb", ""),
+    )
+
+
+def _advice(trainer: Trainer, cache: str, elsewhere: str) -> str:
+    """The settings of this run that need less, and the state that is kept.
+
+    Args:
+        trainer: of the run.
+        cache: setting of the images in this memory.
+        elsewhere: setting by which the run goes on without it; empty if there is none.
+    """
     settings, folder = trainer.info.settings, trainer.folder
     fewer = max(len(trainer.parts.table) // 2, 1)
     limit = next((key for key in LIMITS if key in settings), f"strategy=mcmc {LIMITS[1]}")
@@ -67,13 +91,14 @@ def _advice(trainer: Trainer) -> str:
         f"smaller images (downscale={2 * float(settings.get('downscale', 1)):g})",
         f"fewer Gaussians ({limit}={fewer})",
     ]
-    if settings.get("gpu_cache_mb"):
-        less.append("no images kept there (gpu_cache_mb=0)")
+    if settings.get(cache):
+        less.append(f"no images kept there ({cache}=0)")
     advice = f"A run needs less with {', '.join(less[:-1])} or {less[-1]}"
     if "rasterizer.pairs_mb" in settings:
         advice += "; a lower rasterizer.pairs_mb refuses single images that need much"
     kept = folder.latest_checkpoint()
     if kept is None or kept == folder.checkpoint(0):
         return f"{advice}."
-    change = "gpu_cache_mb=0" if settings.get("gpu_cache_mb") else "device=cpu"
-    return f"{advice}.\n{kept} is kept: gsfw resume {folder.path} {change} goes on from there."
+    change = f"{cache}=0" if settings.get(cache) else elsewhere
+    resume = f"gsfw resume {folder.path} {change}".rstrip()
+    return f"{advice}.\n{kept} is kept: {resume} goes on from there."

@@ -21,6 +21,7 @@ from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses, witho
 from gsfw.core.loop.full_memory import memory_full
 from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb, release_freed_memory
+from gsfw.core.loop.memory_watch import MemoryWatch
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.recording import recorder_for
 from gsfw.core.loop.run_folder import RunFolder
@@ -58,6 +59,8 @@ class Trainer:
         self._stopwatch = Stopwatch()
         recorder = recorder_for(parts.device) if plan.records_steps else None
         self._updates = Update(parts, self._stopwatch, recorder)
+        is_alone = parts.team.size == 1 and parts.device.type == "cpu"
+        self._memory = MemoryWatch(plan.checks_memory and is_alone)
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)
@@ -119,8 +122,10 @@ class Trainer:
 
         That is one step, unless the run walks at another pace (``core.loop.pace``).
         """
+        room = self._memory.limits(self)
         rendered, first = self._update(), self.step
         span, limits = self.walk.advance(self.plan.steps - self.step)
+        limits &= room
         is_reset = False
         for _ in range(span):
             started = time.perf_counter()

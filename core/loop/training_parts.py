@@ -47,6 +47,8 @@ class TrainingPlan:
     """Size of training images; evaluation has full images."""
     pace: tuple[str, ...] = ()
     """Recorded decisions on the pace (``core.loop.pace``); empty: one step per update."""
+    checks_memory: bool = False
+    """True if growth, images and in the end the run give way where main memory runs short."""
     held_back: int = 0
     """Training views that are held back until a decision gives them back."""
 

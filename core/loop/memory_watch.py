@@ -1,0 +1,89 @@
+"""Memory watch: what a run gives up while main memory runs short, so that nothing kills it.
+
+A run looks at its memory every few steps. While there is enough, the watch changes nothing, and the
+run has the bits of one without a watch.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from gsfw.core.loop.full_memory import main_memory_full
+from gsfw.core.loop.memory import release_freed_memory
+from gsfw.core.machine_memory import MachineMemory, machine_memory
+from gsfw.core.refiner import GrowthLimits
+from gsfw.core.training_memory import model_row_bytes
+from gsfw.core.words import size
+
+if TYPE_CHECKING:
+    from gsfw.core.loop.trainer import Trainer
+
+logger = logging.getLogger("gsfw.run")
+
+EVERY = 10
+"""Steps from one look to the next: a look takes 0.1 ms, and models grow every 100 steps."""
+SHORT = 0.5
+"""Memory is short while less than this part of what the process has is free. A refinement adds
+fewer rows than the model has, mostly a few of a hundred."""
+FOR_ROWS = 0.5
+"""Part of the free memory that new rows may take. Evaluations and checkpoints need the rest."""
+TIGHT, FULL = 0.1, 0.02
+"""Parts of the allowed memory: while less than the first is free, decoded images are dropped; with
+less than the second the run ends with a checkpoint, for which it needs a few megabytes."""
+
+
+class MemoryWatch:
+    """Limits growth and drops images where memory is short, and ends a run that has none left."""
+
+    def __init__(
+        self, is_on: bool, read: Callable[[], MachineMemory | None] = machine_memory
+    ) -> None:
+        """Nothing is read yet.
+
+        Args:
+            is_on: false for a run that trains whatever memory there is.
+            read: gives the memory of this process; ``None`` where it is unknown.
+        """
+        self._is_on, self._read = is_on, read
+        self._limits = GrowthLimits()
+        self._told: set[str] = set()
+
+    def limits(self, trainer: Trainer) -> GrowthLimits:
+        """The limit of growth by the memory that is free, between two steps.
+
+        Raises:
+            NotEnoughMemoryError: hardly any memory is free; a checkpoint is written.
+        """
+        if self._is_on and trainer.step % EVERY == 0:
+            memory = self._read()
+            # Only Linux tells what the process has.
+            known = memory is not None and memory.own > 0
+            self._limits = self._look(trainer, memory) if known and memory else GrowthLimits()
+        return self._limits
+
+    def _look(self, trainer: Trainer, memory: MachineMemory) -> GrowthLimits:
+        """Do what the free memory asks for."""
+        free, model = memory.free + memory.swap, trainer.parts.refined
+        if free < TIGHT * memory.allowed:
+            trainer.parts.data.drop_images()
+            release_freed_memory()
+            self._tell(trainer.step, memory, "fewer decoded images are kept (cache_mb)")
+        if free < FULL * memory.allowed:
+            raise main_memory_full(trainer, memory)
+        if free >= SHORT * memory.own:
+            return GrowthLimits()
+        rows = model.num_rows + int(FOR_ROWS * free / max(model_row_bytes(model), 1.0))
+        self._tell(trainer.step, memory, "growth slows down, and ends where memory does")
+        return GrowthLimits(max_rows=rows)
+
+    def _tell(self, step: int, memory: MachineMemory, measure: str) -> None:
+        """Say once what is done."""
+        if measure not in self._told:
+            self._told.add(measure)
+            left = size(memory.free + memory.swap)
+            logger.warning(
+                "step %d: memory runs short (%s are free, and %s): %s. check_memory=false trains "
+                "without such limits.", step, left, memory, measure,
+            )  # fmt: skip

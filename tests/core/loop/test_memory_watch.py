@@ -1,0 +1,99 @@
+"""A run whose memory runs short gives up growth, then images, and ends with a checkpoint."""
+
+import pytest
+from support.memory_training import MemoryData, Recorder, trainer, with_parts
+from support.states import assert_same_bits
+
+from gsfw.core.errors import NotEnoughMemoryError
+from gsfw.core.loop.memory_watch import MemoryWatch
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.machine_memory import MachineMemory
+from gsfw.core.training_memory import model_row_bytes
+
+ALLOWED = 10**9
+
+
+class Memory:
+    """What a run reads: a part of ``ALLOWED`` that is free, from a look on."""
+
+    def __init__(self, free: float, own: float = 0.4, looks: int = 0) -> None:
+        self.free, self.own, self.looks = free, own, looks
+
+    def __call__(self) -> MachineMemory:
+        self.looks -= 1
+        free = 1.0 if self.looks >= 0 else self.free
+        return MachineMemory(ALLOWED, int(free * ALLOWED), int(self.own * ALLOWED), is_group=True)
+
+
+class CountedData(MemoryData):
+    """Counts how often it is asked for memory."""
+
+    drops = 0
+
+    def drop_images(self) -> None:
+        self.drops += 1
+
+
+def run(folder, memory=None, strategy="adc", is_on=True):
+    """A short training that grows; its memory is read from ``memory``."""
+    made = with_parts(trainer(folder, strategy, Recorder()), data=CountedData())
+    made._memory = (
+        MemoryWatch(is_on, lambda: None) if memory is None else MemoryWatch(is_on, memory)
+    )
+    return made
+
+
+def test_enough_memory_changes_no_bit(tmp_path, caplog):
+    bare, watched = run(tmp_path / "a"), run(tmp_path / "b", Memory(0.6))
+    bare.fit()
+    watched.fit()
+    assert_same_bits(bare.parts.model.state_dict(), watched.parts.model.state_dict())
+    assert len(bare.parts.table) > 100, "the runs have to grow"
+    assert "memory" not in caplog.text
+
+
+def test_half_of_the_free_memory_is_for_new_rows(tmp_path):
+    made = run(tmp_path / "a")
+    each = int(model_row_bytes(made.parts.model))
+    short = MachineMemory(60 * each, 10 * each, 30 * each)
+    assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table) + 5
+
+
+@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+def test_growth_ends_where_no_row_fits_and_the_run_goes_on(tmp_path, strategy, caplog):
+    made = run(tmp_path / "a", lambda: MachineMemory(1000, 150, 800), strategy)
+    assert made.fit()["completed"]
+    assert len(made.parts.table) <= 100, "the model starts with so many, and would grow"
+    assert caplog.text.count("memory runs short") == 1
+    assert "growth slows down" in caplog.text
+    assert made.parts.data.drops == 0
+
+
+def test_images_are_dropped_before_the_run_ends(tmp_path, caplog):
+    made = run(tmp_path / "a", Memory(0.05, own=0.9))
+    made.fit()
+    assert made.parts.data.drops == 6  # At each look of 60 steps.
+    assert "fewer decoded images are kept (cache_mb)" in caplog.text
+
+
+def test_a_run_without_memory_ends_with_a_checkpoint_and_what_helps(tmp_path):
+    made = run(tmp_path / "a", Memory(0.01, own=0.95, looks=3))
+    with pytest.raises(NotEnoughMemoryError) as caught:
+        made.fit()
+    assert caught.value.exit_code == 2
+    rows = len(made.parts.table)
+    assert caught.value.message == (
+        f"memory is full after 30 steps, with {rows} Gaussians: 10.0 MB are free, and the control "
+        "group of this process allows 1.0 GB."
+    )
+    kept = RunFolder(tmp_path / "a").checkpoint(30)
+    assert kept.exists()
+    assert f"fewer Gaussians (strategy=mcmc strategy.cap_max={rows // 2})" in caught.value.advice
+    assert (
+        f"{kept} is kept: gsfw resume {tmp_path / 'a'} goes on from there." in caught.value.advice
+    )
+
+
+def test_a_watch_that_is_off_or_knows_nothing_lets_runs_go_on(tmp_path):
+    assert run(tmp_path / "a", Memory(0.0, own=1.0), is_on=False).fit()["completed"]
+    assert run(tmp_path / "b", Memory(0.0, own=0.0)).fit()["completed"]
