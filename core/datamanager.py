@@ -138,8 +138,13 @@ class DataManager(ABC):
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:  # noqa: B027
         """Start to decode views that are likely to be loaded next; may do nothing."""
 
-    def drop_images(self) -> None:  # noqa: B027
-        """Keep half as many decoded images from now on, as memory is short; may do nothing."""
+    def drop_images(self) -> int:
+        """Keep half as many decoded images from now on, as memory is short; may do nothing.
+
+        Returns:
+            Bytes that are free now.
+        """
+        return 0
 
     def notes(self) -> tuple[str, ...]:
         """Notes for the user: the recognised format, and the skipped data."""
@@ -183,9 +188,9 @@ class WrappedDataManager(DataManager):
         """Start decoding in the wrapped data manager."""
         self.given.prefetch(split, indices)
 
-    def drop_images(self) -> None:
-        """Keep fewer images in the wrapped data manager."""
-        self.given.drop_images()
+    def drop_images(self) -> int:
+        """Keep fewer images in the wrapped data manager; returns the bytes that are free now."""
+        return self.given.drop_images()
 
     def notes(self) -> tuple[str, ...]:
         """The notes of the wrapped data manager."""

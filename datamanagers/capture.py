@@ -274,9 +274,9 @@ class Capture(DataManager):
         assert fitted is not None
         return torch.from_numpy(~fitted)[..., None]
 
-    def drop_images(self) -> None:
-        """Keep half as many decoded images from now on."""
-        self._loader.drop_images()
+    def drop_images(self) -> int:
+        """Keep half as many decoded images from now on; returns the bytes that are free now."""
+        return self._loader.drop_images()
 
     def close(self) -> None:
         """Stop decoding and free the images."""

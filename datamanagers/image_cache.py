@@ -51,10 +51,12 @@ class ImageCache:
             started[index] = self.request(index)
         return started
 
-    def halve(self) -> None:
-        """Keep half as many bytes from now on; the images that were used last stay."""
-        self._budget //= 2
+    def halve(self) -> int:
+        """Keep half as many bytes as now; those that were used last stay. Returns those freed."""
+        before = self._used
+        self._budget = min(self._budget, before) // 2
         self._make_room(0)
+        return before - self._used
 
     def close(self) -> None:
         """Stop decoding and free the images."""

@@ -120,9 +120,9 @@ class Loader:
             return PlacedImage.on_host(self._cache.get(number))
         return self._there.get(number)
 
-    def drop_images(self) -> None:
-        """Keep half as many decoded images in main memory from now on."""
-        self._cache.halve()
+    def drop_images(self) -> int:
+        """Keep half as many in main memory from now on; returns the bytes that are free now."""
+        return self._cache.halve()
 
     def close(self) -> None:
         """Stop decoding and sending, and free the images."""

@@ -131,9 +131,9 @@ class SyntheticData(DataManager):
             scenes = [SyntheticScene(self._solids, time) for time in times]
             return show_change(scenes, self._world[split][index])
 
-    def drop_images(self) -> None:
-        """Keep half as many decoded images from now on."""
-        self._loader.drop_images()
+    def drop_images(self) -> int:
+        """Keep half as many decoded images from now on; returns the bytes that are free now."""
+        return self._loader.drop_images()
 
     def close(self) -> None:
         """Stop casting, and free the images."""

@@ -1,6 +1,7 @@
 """Training under a limit of memory: real control groups, and what the user reads."""
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -56,3 +57,29 @@ def test_in_a_real_control_group_large_runs_are_refused_and_small_ones_train(tmp
     assert "the control group of this process allows 500 MB" in refused.stderr
     trained = train(20_000)
     assert trained.returncode == 0, trained.stderr
+
+
+@pytest.mark.slow
+def test_in_a_real_control_group_a_growing_run_ends_in_words_where_it_would_be_killed(tmp_path):
+    grows = (
+        *(word for word in WORDS if not word.startswith("steps=")),
+        *("steps=120", "strategy.refine_start=10", "strategy.refine_every=10"),
+        *("strategy.refine_stop=120", "strategy.grow_gradient=1e-9", "strategy.reset_every=0"),
+        *("strategy.max_gaussians=0", "datamanager.points=20000", "eval_every=0"),
+    )
+
+    def train(name: str, *more: str) -> subprocess.CompletedProcess:
+        with memory_limit(450) as limit:
+            if "control group" not in limit.name:
+                pytest.skip("no control group can be made here")
+            return subprocess.run(
+                [sys.executable, "-m", "gsfw", "train", *grows, f"out={tmp_path / name}", *more],
+                preexec_fn=limit.enter, env=os.environ | {"OMP_NUM_THREADS": "1"},
+                capture_output=True, text=True, check=False,
+            )  # fmt: skip
+
+    watched = train("watched")
+    assert "memory runs short" in watched.stderr
+    assert watched.returncode in (0, 2), watched.stderr  # Trained, or ended with a checkpoint.
+    assert watched.returncode == 0 or "is kept: gsfw resume" in watched.stderr
+    assert train("unwatched", "check_memory=false").returncode == -signal.SIGKILL

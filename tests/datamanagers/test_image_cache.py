@@ -84,3 +84,14 @@ def test_an_error_reaches_whoever_asks_for_the_image():
     with pytest.raises(DataError, match=r"broken\.png"):
         cache.get(0)
     cache.close()
+
+
+def test_half_as_many_images_are_kept_and_the_last_used_stay(decoder):
+    cache = cache_of(decoder, 4, 120)
+    before = [cache.get(index) for index in range(4)]
+    assert cache.halve() == 60
+    assert cache.get(3) is before[3]
+    assert cache.get(2) is before[2]
+    assert cache.get(0) is not before[0]
+    assert cache.halve() == 30
+    cache.close()

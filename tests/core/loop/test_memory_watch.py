@@ -28,10 +28,11 @@ class Memory:
 class CountedData(MemoryData):
     """Counts how often it is asked for memory."""
 
-    drops = 0
+    drops = freed = 0
 
-    def drop_images(self) -> None:
+    def drop_images(self) -> int:
         self.drops += 1
+        return self.freed
 
 
 def run(folder, memory=None, strategy="adc", is_on=True):
@@ -52,16 +53,16 @@ def test_enough_memory_changes_no_bit(tmp_path, caplog):
     assert "memory" not in caplog.text
 
 
-def test_half_of_the_free_memory_is_for_new_rows(tmp_path):
+def test_a_fifth_of_what_is_free_beyond_a_tenth_is_for_new_rows(tmp_path):
     made = run(tmp_path / "a")
     each = int(model_row_bytes(made.parts.model))
-    short = MachineMemory(60 * each, 10 * each, 30 * each)
-    assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table) + 5
+    short = MachineMemory(60 * each, 16 * each, 40 * each)
+    assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table) + 2
 
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 def test_growth_ends_where_no_row_fits_and_the_run_goes_on(tmp_path, strategy, caplog):
-    made = run(tmp_path / "a", lambda: MachineMemory(1000, 150, 800), strategy)
+    made = run(tmp_path / "a", lambda: MachineMemory(1000, 105, 800), strategy)
     assert made.fit()["completed"]
     assert len(made.parts.table) <= 100, "the model starts with so many, and would grow"
     assert caplog.text.count("memory runs short") == 1
@@ -74,6 +75,12 @@ def test_images_are_dropped_before_the_run_ends(tmp_path, caplog):
     made.fit()
     assert made.parts.data.drops == 6  # At each look of 60 steps.
     assert "fewer decoded images are kept (cache_mb)" in caplog.text
+
+
+def test_images_that_make_room_keep_a_run_alive(tmp_path):
+    made = run(tmp_path / "a", Memory(0.01, own=0.95))
+    made.parts.data.freed = ALLOWED // 50
+    assert made.fit()["completed"]
 
 
 def test_a_run_without_memory_ends_with_a_checkpoint_and_what_helps(tmp_path):
