@@ -1,0 +1,194 @@
+"""Long runs: one method on one capture for thousands of steps, and what has to hold at its end."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from campaign import ROOT
+from memory_trace import Drift, drift, read_trace
+from training_runs import QUIET, Judged, Verdict, judge, run_verb
+
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+
+DATA = next(
+    (path / "shared" / "data" for path in ROOT.parents if (path / "shared" / "data").is_dir()),
+    ROOT.parent / "shared" / "data",
+)
+"""Captures beside the checkout, or beside the repository that it is a worktree of."""
+TRACE = {"GSFW_PLUGIN_PATH": str(Path(__file__).resolve().parent / "memory_trace.py")}
+CHECKPOINTS = 5
+"""Checkpoints of a run besides its first: the last but one is where it is resumed."""
+SLOWEST = 0.5
+"""Seconds of a step, at which a run is ended."""
+MOST_DRIFT = 64.0
+"""Bytes by which the memory of a step may grow: 2 MB in 30,000 steps."""
+RESULTS = ("psnr", "ssim")
+"""Figures that an evaluation repeats."""
+OWN_MACHINE = ("train_seconds", "environment")
+"""Parts of a state that are of the machine."""
+
+SMALL_FIELD = ("encoder=mlp", "mlp.width=16", "mlp.depth=2", "mlp.frequencies=2")
+FEW = ("random_points=300", "strategy.max_gaussians=600")
+
+
+@dataclass(frozen=True)
+class LongRun:
+    """A method on a capture."""
+
+    data: str
+    """Folder in ``DATA``; empty for the built-in scene."""
+    method: str
+    settings: Sequence[str]
+
+    def __str__(self) -> str:
+        return f"{self.method} on {Path(self.data).name or 'the built-in scene'}"
+
+    def arguments(self, steps: int, seed: int, out: Path) -> list[str]:
+        """The command."""
+        words = [f"method={self.method}", *QUIET, *self.settings, f"steps={steps}", f"seed={seed}"]
+        words += [f"data={DATA / self.data}"] if self.data else []
+        words += ["eval_every=0", f"log_every={max(steps // 100, 1)}"]
+        words += [f"checkpoint_every={max(steps // CHECKPOINTS, 1)}"]
+        words += [f"callbacks.memory_trace.every={max(steps // 300, 1)}"]
+        return ["train", *words, f"out={out}"]
+
+
+LONG_RUNS = (
+    LongRun("captures/fox", "3dgs", ("downscale=20", "init=random", *FEW)),
+    LongRun("synthetic/chair", "3dgs", ("downscale=10", *FEW)),
+    LongRun("dynamic/robot", "3dgs", ("downscale=10", "ignore_time=true", *FEW)),
+    LongRun("dynamic/mujoco_texture", "3dgs", ("downscale=20", "ignore_time=true", *FEW)),
+    LongRun("dynamic/robot", "spacetime", ("downscale=10", *FEW)),
+    LongRun("dynamic/mujoco_texture", "spacetime", ("downscale=20", *FEW)),
+    LongRun("dynamic/robot", "4dgs", ("downscale=16", *FEW, *SMALL_FIELD)),
+    LongRun("dynamic/mujoco_texture", "4dgs", ("downscale=32", *FEW, *SMALL_FIELD)),
+)
+"""Four captures and three methods where they apply, so small that 30,000 steps take minutes."""
+
+
+@dataclass(frozen=True)
+class Endured:
+    """A long run, and all that was found wrong with it."""
+
+    run: LongRun
+    judged: Judged
+    drift: Drift
+    faults: Sequence[str]
+
+    @property
+    def row(self) -> list[str | int | float]:
+        """Its line in the table of the campaign."""
+        figures = self.judged.figures
+        return [
+            str(self.run),
+            int(figures.get("steps", 0)),
+            int(figures.get("num_gaussians", 0)),
+            round(float(figures.get("psnr") or 0.0), 2),
+            int(figures.get("skipped_steps", 0)),
+            round(self.drift.low / 1e6, 1),
+            round(self.drift.high / 1e6, 1),
+            round(self.drift.per_step, 1),
+            "; ".join(self.faults) or "none",
+        ]
+
+
+COLUMNS = (
+    *("run", "steps", "Gaussians", "PSNR in dB", "skipped steps"),
+    *("MB at half", "MB at the end", "bytes per step", "faults"),
+)
+
+
+def endure(run: LongRun, steps: int, seed: int, folder: Path, extra: Sequence[str] = ()) -> Endured:
+    """Train long, evaluate, and go on from a checkpoint in the middle.
+
+    Args:
+        run: what is trained.
+        steps: its length.
+        seed: of the run.
+        folder: empty; for its results.
+        extra: further settings, such as a planted defect.
+    """
+    out = folder / "run"
+    ended = run_verb([*run.arguments(steps, seed, out), *extra], folder, SLOWEST * steps, TRACE)
+    judged = judge(ended, out)
+    if judged.verdict is not Verdict.SURVIVED:
+        return Endured(run, judged, Drift(0.0, 0.0, 0.0), [judged.reason])
+    moved = drift(read_trace(out))
+    faults = [*_faults_of_memory(moved), *_faults_of_log(out), *faults_of_evaluation(out, folder)]
+    faults += faults_of_resume(out, steps, folder)
+    return Endured(run, judged, moved, faults)
+
+
+def _faults_of_memory(moved: Drift) -> Iterator[str]:
+    if moved.per_step > MOST_DRIFT:
+        yield f"memory grows by {moved.per_step:.0f} bytes a step"
+
+
+def _faults_of_log(out: Path) -> Iterator[str]:
+    """Logged losses that are not numbers: metrics.jsonl has null for them."""
+    lines = [json.loads(line) for line in RunFolder(out).metrics_log.read_text().splitlines()]
+    bad = [line["step"] for line in lines if line.get("loss") is None and "loss" in line]
+    if bad:
+        yield f"the loss of step {bad[0]} is not finite"
+
+
+def faults_of_evaluation(out: Path, folder: Path) -> Iterator[str]:
+    """Differences of ``gsfw eval`` from the figures at the end of the run."""
+    run = RunFolder(out)
+    logged = json.loads(run.summary.read_text())
+    ended = run_verb(["eval", str(out), "json=true"], folder, 600.0)
+    if ended.code != 0:
+        yield f"gsfw eval ended with exit code {ended.code}"
+        return
+    found = json.loads(ended.out)
+    yield from (
+        f"gsfw eval has {name}={found.get(name)}, the run has {logged[name]}"
+        for name in RESULTS
+        if found.get(name) != logged[name]
+    )
+
+
+def faults_of_resume(out: Path, steps: int, folder: Path) -> Iterator[str]:
+    """Differences in the last state of a run that goes on from its last checkpoint but one."""
+    run, again = RunFolder(out), RunFolder(folder / "again")
+    shutil.copytree(out, again.path)
+    last = run.checkpoint(steps)
+    again.checkpoint(steps).unlink()
+    again.summary.unlink()
+    middle = again.latest_checkpoint()
+    if middle is None or middle.name == run.checkpoint(0).name:
+        yield "gsfw resume has no checkpoint in the middle"
+        return
+    ended = run_verb(["resume", str(again.path)], folder, SLOWEST * steps, TRACE)
+    if ended.code != 0:
+        yield f"gsfw resume from {middle.name} ended with exit code {ended.code}"
+        return
+    other = first_difference(read_checkpoint(last), read_checkpoint(again.checkpoint(steps)))
+    if other:
+        yield f"gsfw resume from {middle.name}: {other} differs"
+
+
+def first_difference(one: object, other: object, where: str = "state") -> str:
+    """The place of the first difference between two nested states; empty if all bits are alike."""
+    if isinstance(one, torch.Tensor) and isinstance(other, torch.Tensor):
+        is_alike = one.dtype == other.dtype and torch.equal(one, other)
+        return "" if is_alike else where
+    if isinstance(one, dict) and isinstance(other, dict):
+        if one.keys() != other.keys():
+            return f"keys of {where}"
+        inner = (first_difference(one[key], other[key], f"{where}.{key}")
+                 for key in one if key not in OWN_MACHINE)  # fmt: skip
+        return next(filter(None, inner), "")
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        if len(one) != len(other):
+            return f"length of {where}"
+        pairs = enumerate(zip(one, other, strict=True))
+        return next(
+            filter(None, (first_difference(a, b, f"{where}[{i}]") for i, (a, b) in pairs)), ""
+        )
+    return "" if one == other else where
