@@ -13,7 +13,7 @@ from pathlib import Path
 
 from campaign import Campaign, Detail, Outcome, Promise
 from large_step import LargeStep, large_step
-from long_runs import COLUMNS, DATA, LONG_RUNS, MOST_DRIFT, Endured, LongRun, endure
+from long_runs import COLUMNS, DATA, LONG_RUNS, MOST_DRIFT, MOST_GROWTH, Endured, LongRun, endure
 from training_runs import Verdict
 
 STEPS, GAUSSIANS = 30_000, 10_000_000
@@ -74,7 +74,8 @@ def outcome(found: Found, size: int) -> Outcome:
         Promise(
             "Memory does not grow over the steps of a training.",
             f"{LEAK_SHARE * size:,.0f} steps of one kind, and the long runs: the slope of the "
-            f"anonymous memory over the second half, at most {MOST_DRIFT:.0f} bytes a step.",
+            f"anonymous memory over the second half, at most {MOST_DRIFT:.0f} bytes a step, and "
+            f"no more than {100 * MOST_GROWTH:.0f} % in all.",
             f"{found.clean.drift.per_step:.1f} bytes a step; a planted leak of 256 is measured as "
             f"{found.planted.drift.per_step:.1f}",
             holds=not _has(everything, "memory grows")

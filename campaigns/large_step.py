@@ -9,10 +9,10 @@ import numpy as np
 from training_runs import QUIET, Verdict, judge, run_verb
 from wild_captures import photographed
 
-from gsfw.core.training_memory import TrainingMemory, row_bytes
+from gsfw.core.training_memory import TrainingMemory, row_memory
 
-DEGREE, COLUMN_BYTES = 1, 4.0 * (3 + 4 + 3 + 1 + 4 * 3)
-"""Degree of SH, and bytes of the columns of a Gaussian."""
+DEGREE, COLUMN_BYTES, LARGEST_BYTES = 1, 4.0 * (3 + 4 + 3 + 1 + 4 * 3), 4.0 * 3 * 3
+"""Degree of SH, and bytes of the columns of a Gaussian and of the largest of them."""
 WITHIN = 0.15
 """Part of the estimate that a measurement may differ by."""
 SECONDS = 3600.0
@@ -70,6 +70,8 @@ def large_step(gaussians: int, folder: Path) -> LargeStep:
     judged = judge(ended, out)
     height, width = few.images[0].shape[:2]
     images = len(few.images) * width * height * 3
-    need = TrainingMemory(gaussians, row_bytes(COLUMN_BYTES), gaussians, width * height, images)
+    need = TrainingMemory(
+        gaussians, row_memory(COLUMN_BYTES, LARGEST_BYTES), gaussians, width * height, images
+    )
     reason = "" if judged.verdict is Verdict.SURVIVED else f"({judged.reason})"
     return LargeStep(gaussians, need.total, 0.0 if reason else ended.peak_bytes, reason)

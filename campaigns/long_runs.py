@@ -27,6 +27,8 @@ SLOWEST = 0.5
 """Seconds of a step, at which a run is ended."""
 MOST_DRIFT = 64.0
 """Bytes by which the memory of a step may grow: 2 MB in 30,000 steps."""
+MOST_GROWTH = 0.05
+"""Part by which memory may grow over the second half of a run, in whatever way."""
 RESULTS = ("psnr", "ssim")
 """Figures that an evaluation repeats."""
 OWN_MACHINE = ("train_seconds", "environment")
@@ -127,6 +129,8 @@ def endure(run: LongRun, steps: int, seed: int, folder: Path, extra: Sequence[st
 def _faults_of_memory(moved: Drift) -> Iterator[str]:
     if moved.per_step > MOST_DRIFT:
         yield f"memory grows by {moved.per_step:.0f} bytes a step"
+    if moved.high > (1 + MOST_GROWTH) * moved.low:
+        yield f"memory grows from {moved.low / 1e6:.0f} to {moved.high / 1e6:.0f} MB"
 
 
 def _faults_of_log(out: Path) -> Iterator[str]:

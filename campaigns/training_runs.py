@@ -117,10 +117,10 @@ def _broken_process(ended: Ended, run: RunFolder) -> str:
         return "it did not end in its time"
     if ended.code < 0:
         return f"killed by signal {-ended.code}"
-    for phrase in INNER_ERRORS:
-        line = next((line for line in ended.err.splitlines() if phrase in line), "")
-        if line or phrase in _text(run.log):
-            return line or f"{phrase} in log.txt"
+    for lines in (ended.err.splitlines(), _text(run.log).splitlines()):
+        found = [line for line in lines if any(phrase in line for phrase in INNER_ERRORS)]
+        if found:
+            return found[-1]
     if ended.code and (ended.code not in TOLD or not _message(ended)):
         return f"exit code {ended.code}, and no message"
     return ""

@@ -77,13 +77,16 @@ class WildRun:
 
 
 def runs(size: int, seed: int) -> Iterator[WildRun]:
-    """The first ``size`` runs: all conditions with all ways, and then again with other seeds."""
-    while size > 0:
-        for condition in CONDITIONS:
-            for way in WAYS:
-                if size > 0 and not (condition.is_of_time and way.is_static):
+    """The first ``size`` runs: all conditions in one way each, then in the next, then new seeds."""
+    while True:
+        for turn in range(len(WAYS)):
+            for number, condition in enumerate(CONDITIONS):
+                ways = [way for way in WAYS if not (condition.is_of_time and way.is_static)]
+                if turn < len(ways):
+                    if size == 0:
+                        return
                     size -= 1
-                    yield WildRun(condition, way, seed)
+                    yield WildRun(condition, ways[(number + turn) % len(ways)], seed)
         seed += 1
 
 

@@ -70,7 +70,7 @@ def data(made_once: MadeOnce) -> Path:
 def test_planted_defects_are_found(tmp_path, data, how, found):
     words = ["method=3dgs", "device=cpu", "steps=6", "report=false", f"data={data}"]
     words += ["strategy=sabotage", f"strategy.how={how}", f"out={tmp_path / 'run'}"]
-    seconds, plugin = 20.0 if how == "hang" else 200.0, {"GSFW_PLUGIN_PATH": str(PLUGIN)}
+    seconds, plugin = 8.0 if how == "hang" else 200.0, {"GSFW_PLUGIN_PATH": str(PLUGIN)}
     ended = run_verb(["train", *words], tmp_path, seconds, plugin)
     judged = judge(ended, tmp_path / "run")
     assert judged.verdict is Verdict.BROKEN
