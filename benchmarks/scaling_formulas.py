@@ -17,12 +17,11 @@ from gsfw.core.training_memory import (
     BASE_BYTES,
     POINT_BYTES,
     START_BYTES,
-    USUAL_COLUMN_BYTES,
-    row_bytes,
+    USUAL_ROW,
 )
 from gsfw.planning.costs import GAUSSIANS_PER_PIXEL
 
-ROW_BYTES = row_bytes(USUAL_COLUMN_BYTES)
+ROW_BYTES = USUAL_ROW.peak
 """Memory of a Gaussian of SH degree 3 in training."""
 ROW_NUMBERS = 59
 """Parameters of a Gaussian of SH degree 3: 3 + 3 + 4 + 1 + 48."""
@@ -126,7 +125,7 @@ def memory_bytes(rows: float, points: float = 0.0) -> float:
     """Peak bytes of a process that trains so many rows and has read so many points.
 
     It is the rule by which ``gsfw partition`` cuts. Images come on top: decoded ones up to
-    ``cache_mb``, and 400 bytes for each pixel of the one that is trained on.
+    ``cache_mb``, and ``PIXEL_BYTES`` for each pixel of the one that is trained on.
     """
     return BASE_BYTES + rows * ROW_BYTES + points * POINT_BYTES
 

@@ -34,6 +34,9 @@ class PrimitiveModel(nn.Module, ABC):
     divisible: ClassVar[bool] = True
     """False if the splats or terms of a row depend on other rows: the rows then cannot be divided
     among processes (shards=N)."""
+    step_bytes: ClassVar[float] = 0.0
+    """Memory of a Gaussian in a step besides its columns and its splats, such as the features of a
+    network: a part of the estimate of memory."""
 
     @abstractmethod
     def columns(self) -> Mapping[str, Column]:

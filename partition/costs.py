@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.training_memory import USUAL_COLUMN_BYTES, TrainingMemory, row_bytes
+from gsfw.core.training_memory import USUAL_ROW, TrainingMemory
 from gsfw.planning.costs import GAUSSIANS_PER_PIXEL
 
 UNITS = {"KB": 1e-3, "MB": 1.0, "GB": 1e3, "TB": 1e6}
@@ -46,9 +46,7 @@ class CostRule:
         surface = max(1.0, views / max(self.views_per_point, 1.0))
         gaussians = max(points, round(GAUSSIANS_PER_PIXEL * self.pixels * surface))
         images = min(views * self.pixels * 3 / 1e6, self.cache_mb)
-        need = TrainingMemory(
-            gaussians, row_bytes(USUAL_COLUMN_BYTES), self.all_points, self.pixels, 1e6 * images
-        )
+        need = TrainingMemory(gaussians, USUAL_ROW, self.all_points, self.pixels, 1e6 * images)
         return Costs(gaussians, need.total / 1e6)
 
 

@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.memory import peak_memory_mb
 from gsfw.core.words import duration
-from gsfw.planning.costs import END_MB, cache_mb, disk_mb, expected_gaussians
+from gsfw.planning.costs import disk_mb, expected_gaussians, memory_mb
 from gsfw.planning.plan import Plan
-
-BYTES_PER_STATE = 1.5
-"""Memory of a row in training over its bytes in a checkpoint, which has values and moments:
-gradients, and room for the rows that a refinement edits."""
 
 
 def announcement(plan: Plan) -> str:
@@ -39,9 +34,6 @@ def needed_mb(plan: Plan) -> tuple[float, float]:
     composition, speed = plan.composition, plan.speed
     rows = expected_gaussians(composition)
     state = speed.state_bytes * rows / max(speed.gaussians, 1)
-    more = max(rows - speed.gaussians, 0) * BYTES_PER_STATE * speed.state_bytes
-    now = peak_memory_mb(composition.parts.device).get("rss", 0.0)
-    memory = now + more / max(speed.gaussians, 1) / 1e6 + cache_mb(composition) + END_MB
     every, steps = composition.plan.eval_every, composition.plan.steps
     evaluations = 1 + ((steps - 1) // every if every else 0)
-    return memory, disk_mb(composition, state, rows, evaluations)
+    return memory_mb(composition), disk_mb(composition, state, rows, evaluations)

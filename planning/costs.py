@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.growth_limit import LIMITS, PER_PIXEL, most_gaussians
-from gsfw.core.training_memory import decoded_bytes, model_row_bytes
 from gsfw.core.words import size
 from gsfw.planning.trial import tensors_of
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.memory_fit import MemoryFit, usual_cache_mb
+from gsfw.plugins.memory_fit import MemoryFit
 
 GAUSSIANS_PER_PIXEL = 0.45
 """Gaussians of a finished model per pixel of one view: 0.45 on fox at 359x640 and 0.41 on garden at
@@ -25,8 +24,6 @@ IMAGE_BYTES = 2.0
 """Bytes of a pixel in TensorBoard; measured: 1.6 on the built-in scene, 2.1 on fox."""
 IMAGES_OF_VIEW = 3
 """Images of a view in TensorBoard: the photo, the render and their difference."""
-END_MB = 100.0
-"""Memory that evaluation, TensorBoard and plots take besides training; measured on two scenes."""
 IMAGES_SHOWN = 4
 """Views that TensorBoard shows of one evaluation."""
 CHECKPOINTS_KEPT = 2
@@ -58,25 +55,27 @@ def expected_gaussians(composition: Composition, per_pixel: float = GAUSSIANS_PE
     return min([grown, *limits])
 
 
-def cache_mb(composition: Composition) -> float:
-    """Megabytes of all decoded images, as far as the cache holds them."""
-    decoded = decoded_bytes(composition.parts.data) / 1e6
-    return min(decoded, float(usual_cache_mb(composition.settings)))
+def memory_mb(composition: Composition) -> float:
+    """Megabytes of main memory that a run needs with the Gaussians that it ends with, about."""
+    parts = composition.parts
+    fit = MemoryFit(composition.settings, parts.data, parts.device)
+    return fit.need(expected_gaussians(composition), fit.row(parts.model)).total / 1e6
 
 
 def most_that_fit(composition: Composition) -> int:
     """About how many Gaussians of a run fit into the main memory that is there."""
     parts = composition.parts
     fit = MemoryFit(composition.settings, parts.data, parts.device)
-    return fit.most_gaussians(model_row_bytes(parts.model))
+    return fit.most_gaussians(fit.row(parts.model))
 
 
 def memory_note(composition: Composition) -> tuple[str, ...]:
     """Note on a run that may need more main memory than there is; nothing for other runs."""
     parts, settings = composition.parts, composition.settings
-    start, each = len(parts.table), model_row_bytes(parts.model)
+    start = len(parts.table)
     grown = max(start, expected_gaussians(composition, MOST_PER_PIXEL))  # A limit removes none.
     fit, most = MemoryFit(settings, parts.data, parts.device), most_that_fit(composition)
+    row = fit.row(parts.model)
     if grown <= most:
         return ()
     limit = next((key for key in LIMITS if key in settings.flat()), "")
@@ -84,7 +83,7 @@ def memory_note(composition: Composition) -> tuple[str, ...]:
     may = "that the model may grow to " if grown > start else ""
     return (
         f"memory may run short: the {grown:,} Gaussians {may}need about "
-        f"{size(fit.need(grown, each).total)}, and {fit.memory}; about {most:,} fit{way}.",
+        f"{size(fit.need(grown, row).total)}, and {fit.memory}; about {most:,} fit{way}.",
     )
 
 

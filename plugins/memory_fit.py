@@ -22,18 +22,17 @@ from gsfw.core.splats import Splats
 from gsfw.core.training_memory import (
     BASE_BYTES,
     PIXEL_BYTES,
-    START_BYTES,
-    USUAL_COLUMN_BYTES,
+    USUAL_ROW,
+    RowMemory,
     TrainingMemory,
     decoded_bytes,
-    model_row_bytes,
-    row_bytes,
+    model_row_memory,
 )
 from gsfw.core.words import size
 from gsfw.plugins.settings import Settings
 
-CERTAIN = 0.55
-"""Part of the estimate that a run takes at least: it was 0.61 to 1.04 of it where it was measured
+CERTAIN = 0.85
+"""Part of the estimate that a run takes at least: it was 0.88 to 1.09 of it where it was measured
 (docs/guides/large-scenes.md). Only a run that needs more than there is even then is refused."""
 CACHE_SHARE = 0.25
 """Part of the memory for decoded images at most, where the user gives no number."""
@@ -78,7 +77,20 @@ class MemoryFit:
         config = self.settings.config
         return max(config.processes, 1) if config.shards else 1
 
-    def need(self, gaussians: int, each: float) -> TrainingMemory:
+    @property
+    def _views(self) -> int:
+        """Number of views of a step that a process renders at a time, at most."""
+        config = self.settings.config
+        views = max(int(getattr(config.sampler, "views_per_step", 1)), 1)
+        return views if config.shards else -(-views // max(config.processes, 1))
+
+    def row(self, model: PrimitiveModel | None = None) -> RowMemory:
+        """The memory of a Gaussian in the steps of this run, of a usual model if it is unknown."""
+        if model is not None:
+            return model_row_memory(model, self._views)
+        return replace(USUAL_ROW, rendered=USUAL_ROW.rendered * self._views)
+
+    def need(self, gaussians: int, row: RowMemory) -> TrainingMemory:
         """The main memory that a process takes with so many Gaussians.
 
         On a GPU these, and the images of a step, are in its own memory. Shards are each in a
@@ -86,24 +98,24 @@ class MemoryFit:
 
         Args:
             gaussians: of the model.
-            each: bytes of a Gaussian.
+            row: of a Gaussian.
         """
         views = self.data.views(Split.TRAIN)
         images = min(decoded_bytes(self.data), usual_cache_mb(self.settings) * MEGABYTE)
         if self.device.type != "cpu":
-            return TrainingMemory(0, each, len(self.data.scene.points), 0, images)
+            return TrainingMemory(0, row, len(self.data.scene.points), 0, images)
         points = len(self.data.scene.points)
         # A process makes all Gaussians at the start, and then has its share of them.
-        each = max(each / self._shards, START_BYTES if self._shards > 1 else 0.0)
-        return TrainingMemory(gaussians, each, points, views.pixels, images)
+        own = row.shared(self._shards) if self._shards > 1 else row
+        return TrainingMemory(gaussians, own, points, views.pixels, images)
 
-    def most_gaussians(self, each: float) -> int:
+    def most_gaussians(self, row: RowMemory) -> int:
         """Number of Gaussians that fit, with two digits; ``UNLIMITED`` where nothing limits them.
 
         Args:
-            each: bytes of a Gaussian.
+            row: of a Gaussian.
         """
-        one = self.need(1, each)
+        one = self.need(1, row)
         if self.memory is None or not one.gaussians:
             return UNLIMITED
         most = one.most_gaussians(self.memory.room)
@@ -125,10 +137,10 @@ class MemoryFit:
         count = len(scene.points) if initial is None else len(initial)
         if initial is None and self.settings.config.init == "random":
             count = 0
-        if not self._is_too_much(self.need(count, row_bytes(USUAL_COLUMN_BYTES))):
+        if not self._is_too_much(self.need(count, self.row())):
             return
         if not count:
-            self._check(0, row_bytes(USUAL_COLUMN_BYTES))
+            self._check(0, self.row())
             return
         few = torch.arange(min(count, SAMPLE)) * count // min(count, SAMPLE)
         scene, initial = (
@@ -138,7 +150,7 @@ class MemoryFit:
         model = method.build_model(scene, Operators(), seeded, initial)
         # A method may use some of the points: then the number is known once the model is built.
         if model.num_rows == len(few):
-            self._check(count, model_row_bytes(model))
+            self._check(count, self.row(model))
 
     def check_model(self, model: PrimitiveModel) -> None:
         """Check what the model needs that a run starts with.
@@ -146,7 +158,7 @@ class MemoryFit:
         Raises:
             NotEnoughMemoryError: it is more than there is.
         """
-        self._check(model.num_rows, model_row_bytes(model))
+        self._check(model.num_rows, self.row(model))
 
     def _is_too_much(self, need: TrainingMemory) -> bool:
         """True if a run needs more than there is for certain, and may be refused."""
@@ -154,19 +166,19 @@ class MemoryFit:
             return False
         return CERTAIN * need.total > self.memory.room + self.memory.swap
 
-    def _check(self, gaussians: int, each: float) -> None:
+    def _check(self, gaussians: int, row: RowMemory) -> None:
         """Check that the first steps of a run fit, with a margin (``CERTAIN``).
 
         Raises:
             NotEnoughMemoryError: they do not; names the need, the limit and what needs less.
         """
-        need = self.need(gaussians, each)
+        need = self.need(gaussians, row)
         if self.memory is None or not self._is_too_much(need):
             return
         what = f" for {gaussians:,} Gaussians to start with" if need.gaussians else ""
         raise NotEnoughMemoryError(
             f"training needs about {size(need.total)} of memory{what}, and {self.memory}.",
-            self._advice(need, self.memory, self.most_gaussians(each)),
+            self._advice(need, self.memory, self.most_gaussians(row)),
         )
 
     def _advice(self, need: TrainingMemory, memory: MachineMemory, most: int) -> str:
@@ -178,7 +190,7 @@ class MemoryFit:
             most: Gaussians that fit.
         """
         settings, notable = self.settings.flat(), NOTABLE * need.total
-        many, less = need.gaussians * need.row_bytes > notable, []
+        many, less = need.gaussians * need.row.peak > notable, []
         if many and most >= FEWEST:
             less.append(f"fewer Gaussians to start with (init=dense dense_points={most})")
         if many and int(settings.get("sh_degree", 0)) > 1:

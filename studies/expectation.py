@@ -16,11 +16,10 @@ import torch
 
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager, Split, Views
-from gsfw.core.loop.memory import peak_memory_mb
 from gsfw.core.progress import stage
 from gsfw.core.scene import Scene
 from gsfw.core.words import duration
-from gsfw.planning.costs import END_MB, cache_mb, disk_mb, expected_gaussians, most_that_fit
+from gsfw.planning.costs import disk_mb, expected_gaussians, memory_mb, most_that_fit
 from gsfw.planning.trial import Trial, seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.registry import Registry
@@ -42,7 +41,7 @@ class Expectation:
     last_step_seconds: float
     """Seconds of a step at the end."""
     memory_mb: float
-    """Peak memory of the process, in 1e6 bytes."""
+    """Peak memory of the process by the estimate (``core.training_memory``), in 1e6 bytes."""
     gpu_memory_mb: float | None
     """Peak allocations on the GPU; ``None`` on the CPU."""
     disk_mb: float
@@ -77,11 +76,9 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
         loading = seconds_to_load(composition)
         first = try_steps(composition)
         advance(1)
-        before = peak_memory_mb(parts.device)
         last = first
         if end > start and len(composition.scene.points):
             last = _try_denser(composition, registry, min(end, MOST_TRIED))
-    after = peak_memory_mb(parts.device)
     growth = 0.0 if last.rows == first.rows else (end - first.rows) / (last.rows - first.rows)
 
     def at_end(low: float, high: float) -> float:
@@ -102,13 +99,12 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
         + 2 * held_out * view
     )
     state = at_end(first.state_bytes, last.state_bytes)
-    memory = max(before["rss"], at_end(before["rss"], after["rss"]) if growth else 0.0)
     return Expectation(
         gaussians=end,
         seconds=seconds,
         step_seconds=first.step,
         last_step_seconds=last_step,
-        memory_mb=memory + cache_mb(composition) + END_MB,
+        memory_mb=memory_mb(composition),
         gpu_memory_mb=None if last.gpu_mb is None else at_end(first.gpu_mb or 0.0, last.gpu_mb),
         disk_mb=disk_mb(composition, state, end, evaluations),
     )

@@ -14,7 +14,7 @@ from gsfw.core.loop.full_memory import main_memory_full
 from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.machine_memory import MachineMemory, machine_memory
 from gsfw.core.refiner import GrowthLimits
-from gsfw.core.training_memory import model_row_bytes
+from gsfw.core.training_memory import model_row_memory
 from gsfw.core.words import size
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class MemoryWatch:
         if free >= SHORT * memory.own:
             return GrowthLimits()
         room = FOR_ROWS * max(free - TIGHT * memory.allowed, 0.0)
-        rows = model.num_rows + int(room / max(model_row_bytes(model), 1.0))
+        rows = model.num_rows + int(room / max(model_row_memory(model).peak, 1.0))
         self._tell(trainer.step, memory, "growth slows down, and ends where memory does")
         return GrowthLimits(max_rows=rows)
 

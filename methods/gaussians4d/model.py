@@ -48,6 +48,8 @@ class DeformedGaussians(MovingGaussians):
     the state.
     """
 
+    step_bytes = 950.0  # Features and layers of the usual field: measured, planes of 32 channels.
+
     def __init__(
         self,
         canonical: StaticGaussians,

@@ -76,7 +76,7 @@ class SlicedGaussians(MovingGaussians):
     Static rows have neither: they are static Gaussians, with that first quaternion.
     """
 
-    divisible = False  # Neighbours.
+    divisible, step_bytes = False, 1450.0  # Neighbours, and 4D covariances: measured.
 
     def __init__(
         self,

@@ -19,7 +19,6 @@ from support.thread_group import in_threads
 
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
-from gsfw.core.training_memory import PIXEL_BYTES
 from gsfw.methods.gaussians3d.initialisation import from_splats
 from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.parallel.data_parallel import DataParallel
@@ -61,9 +60,7 @@ def test_memory_of_the_optimizer_is_that_of_its_tensors():
 def test_memory_is_that_by_which_scenes_are_cut():
     rule = CostRule(pixels=100, views_per_point=2.0, all_points=5000, cache_mb=0.0)
     costs = rule.of(views=2, points=5000)
-    image = 100 * PIXEL_BYTES
-    expected = formulas.memory_bytes(costs.gaussians, 5000) + image
-    assert costs.memory_mb == pytest.approx(expected / 1e6)
+    assert costs.memory_mb == pytest.approx(formulas.memory_bytes(costs.gaussians, 5000) / 1e6)
 
 
 @pytest.mark.unchecked

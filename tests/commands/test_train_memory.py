@@ -24,7 +24,7 @@ def test_a_run_that_cannot_fit_ends_with_a_sentence_and_leaves_no_folder(
     for more in ((), ("--dry-run",)):
         assert main(["train", *WORDS, f"out={tmp_path / 'run'}", *more]) == 2
         assert capsys.readouterr().err.endswith(
-            "error: training needs about 351 MB of memory for 150 Gaussians to start with, and "
+            "error: training needs about 293 MB of memory for 150 Gaussians to start with, and "
             "the control group of this process allows 180 MB.\n"
             "check_memory=false trains all the same.\n"
         )
@@ -53,7 +53,7 @@ def test_in_a_real_control_group_large_runs_are_refused_and_small_ones_train(tmp
 
     refused = train(300_000)
     assert refused.returncode == 2, refused.stderr
-    assert "error: training needs about 995 MB of memory for 300,000 Gaussians" in refused.stderr
+    assert "error: training needs about 716 MB of memory for 300,000 Gaussians" in refused.stderr
     assert "the control group of this process allows 500 MB" in refused.stderr
     trained = train(20_000)
     assert trained.returncode == 0, trained.stderr

@@ -8,7 +8,7 @@ from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.memory_watch import MemoryWatch
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.machine_memory import MachineMemory
-from gsfw.core.training_memory import model_row_bytes
+from gsfw.core.training_memory import model_row_memory
 
 ALLOWED = 10**9
 
@@ -55,7 +55,7 @@ def test_enough_memory_changes_no_bit(tmp_path, caplog):
 
 def test_a_fifth_of_what_is_free_beyond_a_tenth_is_for_new_rows(tmp_path):
     made = run(tmp_path / "a")
-    each = int(model_row_bytes(made.parts.model))
+    each = int(model_row_memory(made.parts.model).peak)
     short = MachineMemory(60 * each, 16 * each, 40 * each)
     assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table) + 2
 
