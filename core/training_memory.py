@@ -2,7 +2,7 @@
 
 Measured as the most anonymous memory (``RssAnon``, which a control group counts) of whole runs of
 four methods with 1000 to 1,000,000 Gaussians, 768 to 1.9 million pixels and 1 to 12 views of a
-step by ``benchmarks/training_memory.py``; the estimate is 0.92 to 1.13 of it.
+step by ``benchmarks/training_memory.py``; the estimate is 0.91 to 1.13 of it.
 docs/guides/large-scenes.md has the table.
 """
 

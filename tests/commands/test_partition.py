@@ -25,11 +25,11 @@ def test_blocks_are_printed_and_drawn(tmp_path, capsys):
 
 def test_memory_decides_the_number_of_blocks(tmp_path, capsys):
     street = write_street(tmp_path / "street", views=64, points=4000)
-    words = ["partition", str(street), f"out={tmp_path / 'cut'}", "memory=355MB", "json=true"]
+    words = ["partition", str(street), f"out={tmp_path / 'cut'}", "memory=296MB", "json=true"]
     assert main(words) == 0
     document = json.loads(capsys.readouterr().out)
     assert len(document["blocks"]) > 1
-    assert document["whole"]["memory_mb"] > 355
+    assert document["whole"]["memory_mb"] > 296
 
 
 def test_a_block_that_fits_nowhere_is_named(tmp_path, capsys):
