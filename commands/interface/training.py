@@ -103,7 +103,8 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
     report = RequirementsReport(trainer)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
-        with folder.written_to():
+        # After a signal the report and the requirements are left to gsfw resume.
+        with folder.written_to(lambda: trainer.control.stop_reason is None):
             summary = trainer.fit(afterwards=report.make)
             ending = Ending(report.headline)
             release_render_memory()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -171,8 +171,11 @@ class RunFolder:
         return self.path / ".unfinished"
 
     @contextmanager
-    def written_to(self) -> Iterator[None]:
+    def written_to(self, is_whole: Callable[[], bool] = lambda: True) -> Iterator[None]:
         """Note that files are missing until the end of the block; after an error too.
+
+        Args:
+            is_whole: returns false, at the end of the block, if a signal has left out files.
 
         Raises:
             OutputError: nothing can be written, or the folder is gone in the meantime.
@@ -184,8 +187,9 @@ class RunFolder:
             self._check_there()
         finally:
             self._is_watched = False
-        with readable_write_errors(self.path):
-            self.unfinished.unlink()
+        if is_whole():
+            with readable_write_errors(self.path):
+                self.unfinished.unlink()
 
     def _check_there(self) -> None:
         """Refuse to write where the disk of the run was before it was unmounted.
