@@ -100,4 +100,5 @@ def test_a_use_that_fails_is_named(tmp_path):
     uses = [("info", "missing.ply"), ("plugins",)]
     used, watched = use_offline(uses, tmp_path)
     (line,) = failed(used, watched, uses)
-    assert line.startswith("info missing.ply: exit 2: error: ")
+    assert line.startswith("info missing.ply: exit 2: ")
+    assert "error: data=missing.ply: there is no such file or folder." in line
