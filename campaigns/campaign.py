@@ -8,6 +8,7 @@ Its short form runs in the tests, with planted defects that it must find. Its lo
 from __future__ import annotations
 
 import json
+import os
 import platform
 import re
 import subprocess
@@ -106,7 +107,7 @@ def machine() -> str:
     system = f"{platform.system()} {platform.release()}"
     python = f"Python {platform.python_version()}"
     libraries = f"torch {torch.__version__}, NumPy {numpy.__version__}"
-    return f"{processor}, {torch.get_num_threads()} threads, {system}, {python}, {libraries}"
+    return f"{processor}, {os.cpu_count()} cores, {system}, {python}, {libraries}"
 
 
 def commit() -> str:

@@ -38,7 +38,7 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
                     "compression",
                     "moving-scenes-measured",
                 ),
-                *("stress", "findings"),
+                *("stress", "reliability", "findings"),
             ),
         ),
         "reference": ("Reference", ("verbs", "settings", "api", "glossary", "licences")),
