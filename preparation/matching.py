@@ -184,10 +184,12 @@ def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> No
     matching.use_gpu = False
     matching.num_threads = jobs
     matching.guided_matching = guided
-    with TemporaryDirectory(dir=database.parent, prefix="pairs_") as folder:
+    # The list of a process that was killed is overwritten.
+    listed = database.with_name(f"{database.stem}_pairs.txt")
+    try:
         pairing = pycolmap.ImportedPairingOptions()
-        pairing.match_list_path = Path(folder) / "pairs.txt"
-        write_match_list(pairing.match_list_path, pairs)
+        pairing.match_list_path = listed
+        write_match_list(listed, pairs)
 
         def match(token: CancellationToken) -> None:
             pycolmap.match_image_pairs(
@@ -200,6 +202,8 @@ def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> No
             )
 
         cancellable(match)
+    finally:
+        listed.unlink(missing_ok=True)
 
 
 def _numbers(database: Database) -> dict[str, int]:
