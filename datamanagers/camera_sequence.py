@@ -192,7 +192,8 @@ def _has_bars(video: Video, box: Box) -> bool:
     """True if the first image is black outside ``box``, and not all black within."""
     left, top, right, bottom = box
     brightness = video.image(0).mean(axis=2)
-    within = float(brightness[top:bottom, left:right].mean())
+    inside = brightness[top:bottom, left:right]
+    within = float(inside.mean()) if inside.size else 0.0
     bars = (
         brightness[:top],
         brightness[bottom:],

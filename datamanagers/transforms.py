@@ -8,6 +8,7 @@ from pathlib import Path
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
@@ -102,6 +103,6 @@ def _points(file: TransformsFile) -> tuple[Points, tuple[str, ...]]:
     if not name:
         return no_points(), ()
     path = file.path.parent / plain_name(str(name))
-    if not path.is_file():
+    if not is_file(path):
         return no_points(), (f"its points (ply_file_path {name}) are not on disk",)
     return read_points(path, "ply_file_path"), ()

@@ -154,9 +154,9 @@ def read_partition(path: Path) -> Partition:
     blocks = tuple(_block(item) for item in fields.objects("blocks"))
     if not blocks or len({block.name for block in blocks}) < len(blocks):
         raise DataError(f"{path}: it has no blocks, or two of one name.", ANEW)
-    data = Path(fields.text("data"))
+    data, from_here = Path(fields.text("data")), fields.text("data_from_here")
     try:
-        beside = (path.parent / fields.text("data_from_here")).resolve()
+        beside = (path.parent / from_here).resolve()
     except (OSError, ValueError, RuntimeError):
         raise fields.refuse("data_from_here", "a path") from None
     return Partition(

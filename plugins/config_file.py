@@ -140,7 +140,7 @@ def _parsed(text: str) -> Any:  # noqa: ANN401 - plain data of any kind
     """Plain data of YAML; errors in the words of PyYAML's own parser."""
     try:
         return parsed_yaml(text)
-    except yaml.YAMLError:
+    except yaml.MarkedYAMLError:
         return parsed_yaml(text, yaml.SafeLoader)
 
 

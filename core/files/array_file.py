@@ -103,7 +103,8 @@ def read_numbers(path: Path, name: str = "") -> Float64[np.ndarray, ...]:
     found = read_array(path, name)
     if found.dtype.kind not in "biuf":
         raise DataError(f"{path} holds values of type {found.dtype}.", "Expected real numbers.")
-    return found.astype(np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):  # A signalling NaN is a NaN, no warning.
+        return found.astype(np.float64)
 
 
 @contextmanager

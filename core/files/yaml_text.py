@@ -14,6 +14,7 @@ from gsfw.core.files.json_text import DEEPEST
 
 LARGEST = 100_000
 """Most nodes of a document, with those that aliases repeat; a configuration has a few hundred."""
+TOO_DEEP = "it is nested too deeply"
 FAST_LOADER: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The safe loader, ten times faster where PyYAML was built with libyaml."""
 
@@ -37,7 +38,11 @@ def parsed_yaml(text: str, loader: type = FAST_LOADER) -> Any:  # noqa: ANN401 -
             raise yaml.YAMLError(f"its aliases make it larger than {LARGEST:,} nodes")
         return made.construct_document(node)
     except RecursionError:
-        raise yaml.YAMLError("it is nested too deeply") from None
+        raise yaml.YAMLError(TOO_DEEP) from None
+    except yaml.MarkedYAMLError as error:
+        if "nesting depth" in str(error.problem):  # libyaml has a limit of its own.
+            raise yaml.YAMLError(TOO_DEEP) from None
+        raise
     except ValueError as error:  # A date or a number that is none.
         raise yaml.YAMLError(str(error)) from None
     finally:

@@ -1,5 +1,7 @@
 """Lenses of videos that were scaled, or fitted between black bars."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
@@ -73,3 +75,9 @@ def test_a_turned_video_is_called_so(tmp_path):
 def test_an_all_black_video_has_no_bars(tmp_path):
     with pytest.raises(DataError, match=r"another shape"):
         fit_to_video(LENS, video(tmp_path, 56, 48, (0, 0, 0, 0)))
+
+
+def test_a_lens_so_wide_that_nothing_of_the_video_is_within_its_bars_is_refused(tmp_path):
+    wide = replace(LENS, width=1_000_000, height=2)
+    with pytest.raises(DataError, match="another shape"):
+        fit_to_video(wide, video(tmp_path, 56, 48))

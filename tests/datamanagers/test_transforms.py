@@ -158,11 +158,12 @@ def test_points_without_colours_are_grey(folder):
     assert build(folder).scene.point_colors.tolist() == [[0.5] * 3] * 2
 
 
-def test_points_that_are_not_on_disk_are_noted(folder):
-    write(folder, ply_file_path="sparse_pc.ply")
+@pytest.mark.parametrize("name", ["sparse_pc.ply", "x" * 5000])
+def test_points_that_are_not_on_disk_are_noted(folder, name):
+    write(folder, ply_file_path=name)
     data = build(folder)
     assert data.scene.points.shape == (0, 3)
-    assert "its points (ply_file_path sparse_pc.ply) are not on disk" in data.notes()
+    assert f"its points (ply_file_path {name}) are not on disk" in data.notes()
 
 
 def test_broken_points_name_their_file(folder):

@@ -91,3 +91,9 @@ def test_an_array_of_an_archive_is_found_by_its_name(tmp_path):
     np.save(tmp_path / "a.npy", np.array(["text"]))
     with pytest.raises(DataError, match="holds values of type <U4"):
         read_numbers(tmp_path / "a.npy")
+
+
+def test_a_signalling_nan_is_a_nan_without_a_warning(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, np.array([0x7FA00000], np.uint32).view(np.float32))
+    assert np.isnan(read_numbers(path)).all()

@@ -24,7 +24,7 @@ MERGED = "a0: &a0 {x: 1}\n" + "".join(
         (MERGED, "its aliases make it larger than 100,000 nodes"),
         ("a: &a [*a]", "nested more than 100 levels deep"),
         ("&a {b: *a}", "nested more than 100 levels deep"),
-        ("[" * 20_000, "nested too deeply|maximum nesting depth"),
+        ("[" * 20_000, "nested too deeply"),
         ("- " * 150 + "x", "nested more than 100 levels deep"),
         ("when: 2001-99-99", "month must be in"),
         ("count: " + "9" * 5000, "Exceeds the limit"),
