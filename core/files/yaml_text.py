@@ -6,6 +6,7 @@ The size of a document is counted before it is built.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import yaml
@@ -29,6 +30,11 @@ def parsed_yaml(text: str, loader: type = FAST_LOADER) -> Any:  # noqa: ANN401 -
     Raises:
         YAMLError: it is no YAML, is nested too deeply, or stands for too much.
     """
+    if not issubclass(loader, FAST_LOADER):
+        # The bounds first, as slow loaders take seconds for thousands of brackets. They tell other
+        # errors in words of their own.
+        with suppress(yaml.MarkedYAMLError):
+            parsed_yaml(text)
     made = loader(text)
     try:
         node = made.get_single_node()
