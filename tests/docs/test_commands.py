@@ -151,7 +151,9 @@ def test_a_wrong_command_is_found(line, places, monkeypatch):
 
 def test_every_command_within_a_sentence_is_understood(places, monkeypatch):
     monkeypatch.chdir(places)
-    found = [completed(command) for page in PAGES for command in spans(page)]
+    # The page of reliability is a record of what campaigns ran in folders of their own.
+    pages = [page for page in PAGES if page.name != "reliability.md"]
+    found = [completed(command) for page in pages for command in spans(page)]
     assert len(found) > 40
     wrong = lies(found)
     assert not wrong, "\n".join(wrong)

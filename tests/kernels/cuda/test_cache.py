@@ -92,7 +92,7 @@ def test_a_read_only_folder_is_read_and_not_written(tmp_path, caplog, monkeypatc
     def refuse(*arguments: object, **more: object) -> None:
         raise PermissionError(13, "Permission denied")  # Root may write to read-only folders.
 
-    monkeypatch.setattr("tempfile.mkstemp", refuse)
+    monkeypatch.setattr("gsfw.core.files.atomic._partial_file", refuse)
     cache.write("key2", "_Zkernel", CODE)
     assert cache.read("key") == ("_Zkernel", CODE)
     assert cache.read("key2") is None
