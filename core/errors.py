@@ -18,6 +18,13 @@ COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
 """The advice where a file is damaged."""
 
 
+class EndedBySignal(SystemExit):
+    """The program is ended by SIGTERM or SIGHUP: 128 and the number of the signal.
+
+    Whoever handles the ``SystemExit`` of a plugin lets this one pass.
+    """
+
+
 class UserError(Exception):
     """An error that the user can correct: shown as one message without a traceback, exit code 2.
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import pluggy
 
+from gsfw.core.errors import EndedBySignal
 from gsfw.plugins import hooks
 from gsfw.plugins.plugin_path import FROM, VARIABLE, PathPlugin, places, plugins_on_path
 from gsfw.plugins.skipped import (
@@ -138,6 +139,8 @@ class Discovery:
         """Import and register a plugin; skip it if that fails."""
         try:
             self.add(entry.load(), source)
+        except EndedBySignal:
+            raise
         except (Exception, SystemExit) as error:
             advice = import_advice(source.distribution, error)
             self._skip(source, f"{type(error).__name__}: {error}", advice)
@@ -184,6 +187,8 @@ class Discovery:
             return ""
         try:
             asked = function()
+        except EndedBySignal:
+            raise
         except (Exception, SystemExit) as error:
             raise RangeError(f"its {REQUIRES_API} {_raised(error)}") from error
         return check_range(asked)
@@ -231,6 +236,8 @@ class Discovery:
             try:
                 found = implementations[key]()
                 problem = _problem(found)
+            except EndedBySignal:
+                raise
             except (Exception, SystemExit) as error:
                 if source.distribution == PROJECT:
                     raise

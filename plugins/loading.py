@@ -10,6 +10,7 @@ from keyword import iskeyword
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from gsfw.core.config import CallbackConfig, CallbackConfigs
+from gsfw.core.errors import EndedBySignal
 from gsfw.plugins.conformance import problem_of, signature_problem
 from gsfw.plugins.registry import SLOTS, PartError, Registry, package
 from gsfw.plugins.skipped import import_advice, other_version
@@ -33,6 +34,8 @@ def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot hold
     """
     try:
         target = spec.load()
+    except EndedBySignal:
+        raise
     except (Exception, SystemExit) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
         raise PartError(slot, spec, reason, import_advice(spec.distribution, error)) from error

@@ -62,6 +62,7 @@ def match_pairs(
     """
     import pycolmap
 
+    _match_list(database).unlink(missing_ok=True)  # Of a process that was killed.
     check_room(database)
     with readable_native_errors("match features", database):
         with pycolmap.Database.open(database) as opened:
@@ -177,6 +178,11 @@ def _match_part(
         return len(pairs), matches_of(database)
 
 
+def _match_list(database: Path) -> Path:
+    """The list of pairs that COLMAP reads while it matches."""
+    return database.with_name(f"{database.stem}_pairs.txt")
+
+
 def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> None:
     import pycolmap
 
@@ -184,8 +190,7 @@ def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> No
     matching.use_gpu = False
     matching.num_threads = jobs
     matching.guided_matching = guided
-    # The list of a process that was killed is overwritten.
-    listed = database.with_name(f"{database.stem}_pairs.txt")
+    listed = _match_list(database)
     try:
         pairing = pycolmap.ImportedPairingOptions()
         pairing.match_list_path = listed

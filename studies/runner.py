@@ -164,7 +164,8 @@ class Runner:
     def _is_kept(self, run: PlannedRun) -> bool:
         """True if a run has a result, in the store or in its folder; the store then has it."""
         known = self._store.results.get(run.cell.key)
-        if known is not None and known.is_of(run):
+        # A signal may have ended a run after its result, before all of its files.
+        if known is not None and known.is_of(run) and not run.folder.unfinished.exists():
             given = run.cell.relevant
             if known.given != given:  # Other words for the same settings.
                 self._store.keep(replace(known, given=given))

@@ -20,6 +20,7 @@ from typing import Any, Literal, get_args, get_origin
 from gsfw.commands.interface.arguments import HelpRequested, Options
 from gsfw.commands.interface.runs import LATEST
 from gsfw.core.config import AUTO
+from gsfw.core.errors import EndedBySignal
 from gsfw.plugins.exporters import exporter_options
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
@@ -78,6 +79,8 @@ def _options(run: Any) -> tuple[type[Options], ...]:  # noqa: ANN401 - a functio
             run(["--help"])
     except HelpRequested as wanted:
         return wanted.options
+    except EndedBySignal:
+        raise
     except (Exception, SystemExit):  # Of another plugin: its verb is completed without keys.
         return ()
     return ()

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from gsfw.core.errors import EndedBySignal
+
 if TYPE_CHECKING:
     from gsfw.core.callback import Control
 
@@ -123,13 +125,13 @@ def interrupted_once(text: str) -> Iterator[None]:
 
 @contextmanager
 def leave_on_signal() -> Iterator[None]:
-    """Raise ``SystemExit`` with 128 + its number at each signal that ends a program.
+    """Raise ``EndedBySignal`` with 128 + its number at each signal that ends a program.
 
     By default Python would end immediately, without removing temporary files.
     """
 
     def leave(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
+        raise EndedBySignal(128 + number)
 
     before = {}
     if threading.current_thread() is threading.main_thread():  # Other threads cannot set handlers.

@@ -9,11 +9,11 @@ from support.fake_parts import FakePlugin, registry_of
 
 from gsfw.core.callback import Callback
 from gsfw.core.config import CallbackConfig
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, EndedBySignal
 from gsfw.core.metrics import Metric
 from gsfw.core.operators import Operators
 from gsfw.core.ranges import number
-from gsfw.plugins.loading import make_callbacks, make_metrics
+from gsfw.plugins.loading import load, make_callbacks, make_metrics
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -134,3 +134,13 @@ def test_a_metric_that_fails_is_nan_and_logged_once(caplog):
     assert [record.getMessage() for record in caplog.records] == [
         "metric 'Moody' (pkg0 1.0) failed; its figures are NaN: OSError: no weights"
     ]
+
+
+def test_a_signal_during_an_import_is_not_an_error_of_the_part(monkeypatch):
+    def ended(spec: Spec) -> None:
+        raise EndedBySignal(143)
+
+    monkeypatch.setattr(Spec, "load", ended)
+    with pytest.raises(EndedBySignal) as caught:
+        load("method", Spec("3dgs", "", "nowhere:Method"))
+    assert caught.value.code == 143

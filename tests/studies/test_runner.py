@@ -61,6 +61,14 @@ def test_finished_runs_are_not_repeated(tmp_path):
     assert dates(tmp_path) == before
 
 
+def test_a_run_that_a_signal_has_left_without_some_of_its_files_goes_on(tmp_path):
+    make(small_study(), tmp_path)
+    left = next(tmp_path.glob("runs/**/metrics.json")).with_name(".unfinished")
+    left.touch()
+    (ended,) = make(small_study(), tmp_path)
+    assert ended.number == 1
+
+
 def test_results_alone_are_enough(tmp_path):
     make(small_study(), tmp_path / "a")
     results = tmp_path / "b" / RESULTS
