@@ -91,8 +91,8 @@ class Video:
 
     @property
     def rate(self) -> float:
-        """Images per second, over the whole video; 0 for a single image."""
-        return (len(self) - 1) / self.times[-1] if len(self) > 1 else 0.0
+        """Images per second, over the whole video; 0 for a single image, or a single time."""
+        return (len(self) - 1) / self.times[-1] if self.times[-1] > 0 else 0.0
 
     def check_even(self) -> None:
         """Check that images follow each other at one rate, so that their number tells the time.
@@ -104,6 +104,10 @@ class Video:
         if len(intervals) == 0:
             return
         usual = statistics.median(intervals)
+        if usual <= 0:
+            raise DataError(
+                f"{self.path}: most of its images have the time of another one.", ADVICE
+            )
         worst = int(np.abs(intervals - usual).argmax())
         if abs(intervals[worst] - usual) > UNEVEN * usual:
             raise DataError(

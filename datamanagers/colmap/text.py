@@ -54,9 +54,9 @@ def read_images(file: Path) -> list[ColmapImage]:
         try:
             identifier, *pose, camera, name = line.split(maxsplit=9)
             numbers = tuple(map(float, pose))
-            if len(numbers) != 7:
-                raise ValueError
             quaternion, translation, identity = numbers[:4], numbers[4:], int(identifier)
+            if len(numbers) != 7 or abs(identity) > MOST_IMAGES:
+                raise ValueError
             images.append(ColmapImage(name.strip(), int(camera), quaternion, translation, identity))
         except ValueError:
             layout = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"

@@ -2,6 +2,7 @@
 
 import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -278,3 +279,11 @@ def test_metadata_that_is_no_text_is_no_hindrance(tmp_path):
     assert b"Lavf" in content
     path.write_bytes(content.replace(b"Lavf", b"\xff\xfe\xff\xfe"))
     assert len(Video.read(path)) == 10
+
+
+def test_images_of_one_time_have_no_rate(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    still = replace(video, stamps=(video.stamps[0],) * len(video))
+    assert still.rate == 0
+    with pytest.raises(DataError, match="most of its images have the time of another one"):
+        still.check_even()

@@ -103,3 +103,6 @@ def test_numbers_of_any_length_in_a_text_end_in_data_or_words(tmp_path):
     (tmp_path / "points3D.txt").write_text(f"1 0 0 0 1 2 3 0.5 {many} 2\n")
     with pytest.raises(DataError, match="line 1 should be POINT3D_ID"):
         text.read_tracks(tmp_path / "points3D.txt")
+    (tmp_path / "images.txt").write_text(f"{many} 1 0 0 0 0 0 0 1 a.png\n\n")
+    with pytest.raises(DataError, match="line 1 should be IMAGE_ID"):
+        text.read_images(tmp_path / "images.txt")
