@@ -290,7 +290,8 @@ def _load(place: Path) -> None:
         names.write_text("\n".join(sys.modules))
         os._exit(0)
     os.waitpid(pid, 0)
-    for name in [*names.read_text().split(), "gsfw.commands.study", "gsfw.commands.prepare"]:
+    others = ("gsfw.commands.study", "gsfw.commands.prepare", "gsfw.jobs.process")
+    for name in [*names.read_text().split(), *others]:
         with suppress(Exception):
             importlib.import_module(name)
 

@@ -94,6 +94,8 @@ class Workspace:
         self._check_apart(inputs)
         with readable_write_errors(self.path):
             held = sorted(self.path.iterdir()) if self.path.is_dir() else []
+        if held == [self.work] and self.work.is_dir() and not any(self.work.iterdir()):
+            held = []  # All that a preparation leaves that is killed at once.
         # Users may remove work/, and have one of their own where they have never been.
         if held and not ((self.work / LOCK).is_file() or self.report.is_file()):
             raise OutputError(

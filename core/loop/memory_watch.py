@@ -24,15 +24,17 @@ logger = logging.getLogger("gsfw.run")
 
 EVERY = 10
 """Steps from one look to the next: a look takes 0.1 ms, and models grow every 100 steps."""
-SHORT = 0.5
-"""Memory is short while less than this part of what the process has is free. A refinement adds
-fewer rows than the model has, mostly a few of a hundred."""
 TIGHT, FULL = 0.1, 0.03
 """Parts of the allowed memory: while less than the first is free, no row is added and decoded
 images are dropped; with less than the second the run ends with a checkpoint."""
-FOR_ROWS = 0.2
-"""Part of what is free beyond ``TIGHT`` that new rows may take. While they are added, columns are
-there twice: 22,000 new Gaussians of SH degree 3 took 3900 bytes each."""
+END_BYTES = 120e6
+"""Memory that stays free of rows, however little is allowed: the evaluation, the charts and the
+files at the end took 100 MB where they were measured."""
+GROWN = 4.0
+"""Memory of a new row while it is added, over that of a row: columns are there twice then. 22,000
+new Gaussians of SH degree 3 took 3900 bytes each, 2.9 times as much as those that stay."""
+USUAL_GROWTH = 0.3
+"""Part of its rows that a model usually gains at a time, at most; none more than doubles."""
 
 
 class MemoryWatch:
@@ -67,18 +69,19 @@ class MemoryWatch:
     def _look(self, trainer: Trainer, memory: MachineMemory) -> GrowthLimits:
         """Do what the free memory asks for."""
         free, model = memory.free + memory.swap, trainer.parts.refined
-        if free < TIGHT * memory.allowed:
+        tight = max(TIGHT * memory.allowed, END_BYTES)
+        if free < tight:
             free += trainer.parts.data.drop_images()
             release_freed_memory()
             self._tell(trainer.step, memory, "fewer decoded images are kept (cache_mb)")
         if free < FULL * memory.allowed:
             raise main_memory_full(trainer, memory)
-        if free >= SHORT * memory.own:
+        new = int(max(free - tight, 0.0) / max(GROWN * model_row_memory(model).peak, 1.0))
+        if new >= model.num_rows:
             return GrowthLimits()
-        room = FOR_ROWS * max(free - TIGHT * memory.allowed, 0.0)
-        rows = model.num_rows + int(room / max(model_row_memory(model).peak, 1.0))
-        self._tell(trainer.step, memory, "growth slows down, and ends where memory does")
-        return GrowthLimits(max_rows=rows)
+        if new < USUAL_GROWTH * model.num_rows:
+            self._tell(trainer.step, memory, "growth slows down, and ends where memory does")
+        return GrowthLimits(max_rows=model.num_rows + new)
 
     def _tell(self, step: int, memory: MachineMemory, measure: str) -> None:
         """Say once what is done."""

@@ -69,7 +69,7 @@ def test_in_a_real_control_group_a_growing_run_ends_in_words_where_it_would_be_k
     )
 
     def train(name: str, *more: str) -> subprocess.CompletedProcess:
-        with memory_limit(450) as limit:
+        with memory_limit(600) as limit:
             if "control group" not in limit.name:
                 pytest.skip("no control group can be made here")
             return subprocess.run(

@@ -30,6 +30,12 @@ def test_a_folder_that_has_its_own_work_in_it_is_left_alone(tmp_path):
         pass
 
 
+def test_what_is_left_of_a_preparation_that_was_killed_at_once_is_its_folder(tmp_path):
+    (tmp_path / "work").mkdir()
+    with Workspace(tmp_path).claimed(()):
+        assert (tmp_path / "work").is_dir()
+
+
 def test_a_result_whose_work_was_removed_is_still_one(tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "prepare.json").touch()

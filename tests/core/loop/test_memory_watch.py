@@ -53,16 +53,29 @@ def test_enough_memory_changes_no_bit(tmp_path, caplog):
     assert "memory" not in caplog.text
 
 
-def test_a_fifth_of_what_is_free_beyond_a_tenth_is_for_new_rows(tmp_path):
+def test_a_model_grows_without_a_limit_while_it_may_double(tmp_path):
     made = run(tmp_path / "a")
-    each = int(model_row_memory(made.parts.model).peak)
-    short = MachineMemory(60 * each, 16 * each, 40 * each)
-    assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table) + 2
+    rows, each = len(made.parts.table), 4 * model_row_memory(made.parts.model).peak
+
+    def most(new_rows: float) -> int | None:
+        free = 120_000_000 + int(new_rows * each)
+        memory = MachineMemory(10**9, free, 10**8)
+        return MemoryWatch(True, lambda: memory).limits(made).max_rows
+
+    assert most(rows + 0.5) is None
+    assert most(rows - 0.5) == rows + rows - 1
+    assert most(0.5) == rows
+
+
+def test_what_a_run_needs_at_its_end_is_not_for_rows(tmp_path):
+    made = run(tmp_path / "a")
+    short = MachineMemory(5 * 10**8, 11 * 10**7, 2 * 10**8)
+    assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table)
 
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 def test_growth_ends_where_no_row_fits_and_the_run_goes_on(tmp_path, strategy, caplog):
-    made = run(tmp_path / "a", lambda: MachineMemory(1000, 105, 800), strategy)
+    made = run(tmp_path / "a", lambda: MachineMemory(10**10, 10**9, 8 * 10**9), strategy)
     assert made.fit()["completed"]
     assert len(made.parts.table) <= 100, "the model starts with so many, and would grow"
     assert caplog.text.count("memory runs short") == 1
