@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import TypeVar
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,22 @@ class Fate(Enum):
     UNORDERED = "any operations are there, in any order"
 
 
+Pending = TypeVar("Pending")
+
+
+def _left(
+    pending: Sequence[Pending], fate: Fate, lost: Fate, draw: random.Random
+) -> Sequence[Pending]:
+    """What a power loss leaves of pending operations; none for ``lost``."""
+    if fate in (Fate.LOST, lost):
+        return ()
+    if fate is Fate.SOME:
+        return pending[: draw.randint(0, len(pending))]
+    if fate is Fate.UNORDERED:
+        return [item for item in pending if draw.random() < 0.5]
+    return pending
+
+
 @dataclass
 class _File:
     """Data of a file: synchronised, and pending writes and truncations after it."""
@@ -63,15 +80,8 @@ class _File:
     pending: list[Operation] = field(default_factory=list)
 
     def content(self, fate: Fate, draw: random.Random) -> bytes:
-        pending = self.pending
-        if fate in (Fate.LOST, Fate.DATA_LOST):
-            pending = []
-        elif fate is Fate.SOME:
-            pending = pending[: draw.randint(0, len(pending))]
-        elif fate is Fate.UNORDERED:
-            pending = [item for item in pending if draw.random() < 0.5]
         content = bytearray(self.kept)
-        for item in pending:
+        for item in _left(self.pending, fate, Fate.DATA_LOST, draw):
             _apply(content, item, is_zero=fate is Fate.ZEROS)
         return bytes(content)
 
@@ -167,15 +177,8 @@ class Disk:
 
     def state(self, fate: Fate, draw: random.Random) -> dict[str, bytes | None]:
         """Files that are there after a power loss now: content by path; ``None``: a folder."""
-        changes: Sequence[_Change] = self._pending
-        if fate in (Fate.LOST, Fate.NAMES_LOST):
-            changes = ()
-        elif fate is Fate.SOME:
-            changes = changes[: draw.randint(0, len(changes))]
-        elif fate is Fate.UNORDERED:
-            changes = [item for item in changes if draw.random() < 0.5]
         names = dict(self._kept)
-        for change in changes:
+        for change in _left(self._pending, fate, Fate.NAMES_LOST, draw):
             names.update(change.names)
         found: dict[str, bytes | None] = {}
         for path in sorted(names):

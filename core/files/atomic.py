@@ -44,15 +44,17 @@ WITHOUT_SYNC = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EBADF)
 PARTIAL = ".part"
 """End of the name of a file that is being written; the name begins with a dot."""
 
-FAILED = tuple(
-    getattr(errno, name)
-    for name in (
-        *("EIO", "ESTALE", "ENOTCONN", "EHOSTDOWN", "EHOSTUNREACH", "ETIMEDOUT"),
-        *("ENODEV", "ENXIO", "EREMOTEIO", "ENOMEDIUM"),
-    )
-    if hasattr(errno, name)
-)
-"""System errors of a disk that fails, or of one on another machine that is out of reach."""
+
+def _numbers(*names: str) -> tuple[int, ...]:
+    """System errors by their names, as far as this system has them."""
+    return tuple(getattr(errno, name) for name in names if hasattr(errno, name))
+
+
+FAILED = _numbers("EIO", "ESTALE", "ENODEV", "ENXIO", "EREMOTEIO", "ENOMEDIUM")
+"""System errors of a disk that fails."""
+UNREACHABLE = _numbers("ENOTCONN", "EHOSTDOWN", "EHOSTUNREACH", "ETIMEDOUT")
+"""System errors of a disk on another machine that is out of reach; without a file, those of a
+connection."""
 
 PLACE = "another place with out=DIR"
 """Remedy of most verbs for a place that cannot be written to."""
@@ -123,7 +125,7 @@ def disk_error(error: BaseException, path: Path | None = None) -> OutputError | 
             f"the disk is full: {place or 'a file'} could not be written.",
             f"Free some space, or choose {PLACE}.",
         )
-    if error.errno in FAILED:
+    if error.errno in FAILED or (place and error.errno in UNREACHABLE):
         return OutputError(
             f"the disk{f' of {place}' if place else ''} fails: {os.strerror(error.errno or 0)}.",
             f"Check the disk and its connection, or choose {PLACE}.",

@@ -159,6 +159,11 @@ def test_an_unexpected_error_has_no_file_where_the_temporary_folder_is_full(caps
     assert "debug=true shows the traceback." in capsys.readouterr().err
 
 
+def test_a_connection_that_fails_is_not_called_a_disk(capsys):
+    assert report(OSError(errno.ETIMEDOUT, "timed out"), Console(), debug=False) == 1
+    assert "the disk" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENOSPC, errno.ESTALE])
 def test_a_disk_that_fails_anywhere_is_one_sentence(capsys, number):
     error = OSError(number, os.strerror(number), "images/a.png")

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,20 @@ def test_a_checkpoint_cannot_run_code(tmp_path):
     torch.save({"schema": 1, "evil": os.system}, tmp_path / "evil.pt")
     with pytest.raises(DataError, match="cannot be read as a checkpoint"):
         read_checkpoint(tmp_path / "evil.pt")
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_a_name_of_any_length_does_not_reach_torch(tmp_path, monkeypatch, method):
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("torch takes the square of the length of a name")
+
+    monkeypatch.setattr(torch, "load", never)
+    path = tmp_path / "step_000000001.pt"
+    length = 40_000 if method == zipfile.ZIP_STORED else 10
+    with zipfile.ZipFile(path, "w", method) as archive:
+        archive.writestr("archive/data.pkl", b"\x80\x02c" + b"x" * length + b"\nname\n.")
+    with pytest.raises(DataError, match="cannot be read as a checkpoint: ValueError"):
+        read_checkpoint(path)
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
