@@ -68,6 +68,12 @@ def machine_memory() -> MachineMemory | None:
     return min(memory_limits(), key=lambda memory: memory.room + memory.swap, default=None)
 
 
+def process_memory() -> MachineMemory | None:
+    """The part of ``machine_memory`` of one of the processes that torchrun starts together."""
+    memory, processes = machine_memory(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    return None if memory is None else memory.shared_by(processes)
+
+
 def memory_limits() -> list[MachineMemory]:
     """The memory of the machine, and then every limit of a control group below it."""
     machine = _machine()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +12,7 @@ from torch import Tensor
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.growth_limit import UNLIMITED
-from gsfw.core.machine_memory import MachineMemory, machine_memory
+from gsfw.core.machine_memory import MachineMemory, process_memory
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
@@ -49,7 +48,7 @@ MEGABYTE = 1_000_000
 
 def usual_cache_mb(settings: Settings) -> int:
     """Megabytes of decoded images: ``cache_mb``, or less where that is a default and too much."""
-    most, memory = settings.config.cache_mb, _own_memory()
+    most, memory = settings.config.cache_mb, process_memory()
     if "cache_mb" in settings.given or memory is None:
         return most
     share = int((memory.room - BASE_BYTES) * CACHE_SHARE) // MEGABYTE
@@ -69,7 +68,7 @@ class MemoryFit:
     @cached_property
     def memory(self) -> MachineMemory | None:
         """The memory of this process; ``None`` where it is unknown."""
-        return _own_memory()
+        return process_memory()
 
     @property
     def _shards(self) -> int:
@@ -219,12 +218,6 @@ class MemoryFit:
             f"decoded images take at most {usual} MB of {decoded:.0f}, as {self.memory} "
             "(cache_mb=N sets another number).",
         )
-
-
-def _own_memory() -> MachineMemory | None:
-    """The memory of this process, as one of those of its launcher on this machine."""
-    memory, processes = machine_memory(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
-    return None if memory is None else memory.shared_by(processes)
 
 
 def _with_points(scene: Scene, rows: Int[Tensor, " r"]) -> Scene:

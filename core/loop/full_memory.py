@@ -64,11 +64,11 @@ def main_memory_full(trainer: Trainer, memory: MachineMemory) -> NotEnoughMemory
     """The error for a run that main memory has no room for; writes a checkpoint.
 
     Args:
-        trainer: between two steps.
+        trainer: between two steps, as those of all processes are.
         memory: that is left.
     """
     with suppress(OutputError, ValueError):  # The last one stays.
-        trainer.keep_state()
+        trainer.keep_state(together=True)
     return NotEnoughMemoryError(
         f"memory is full after {trainer.step} steps, with {len(trainer.parts.table):,} Gaussians: "
         f"{size(memory.free + memory.swap)} are free, and {memory}.",

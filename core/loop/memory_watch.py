@@ -1,18 +1,20 @@
 """Memory watch: what a run gives up while main memory runs short, so that nothing kills it.
 
 A run looks at its memory every few steps. While there is enough, the watch changes nothing, and the
-run has the bits of one without a watch.
+run has the bits of one without a watch. Several processes of a training go by the one that has
+least room, so that all of them edit the same rows.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gsfw.core.loop.full_memory import main_memory_full
 from gsfw.core.loop.memory import release_freed_memory
-from gsfw.core.machine_memory import MachineMemory, machine_memory
+from gsfw.core.machine_memory import MachineMemory, process_memory
 from gsfw.core.refiner import GrowthLimits
 from gsfw.core.training_memory import model_row_memory
 from gsfw.core.words import size
@@ -41,7 +43,7 @@ class MemoryWatch:
     """Limits growth and drops images where memory is short, and ends a run that has none left."""
 
     def __init__(
-        self, is_on: bool, read: Callable[[], MachineMemory | None] = machine_memory
+        self, is_on: bool, read: Callable[[], MachineMemory | None] = process_memory
     ) -> None:
         """Nothing is read yet.
 
@@ -54,34 +56,45 @@ class MemoryWatch:
         self._told: set[str] = set()
 
     def limits(self, trainer: Trainer) -> GrowthLimits:
-        """The limit of growth by the memory that is free, between two steps.
+        """The limit of growth by the memory that is free, between two steps of all processes.
 
         Raises:
             NotEnoughMemoryError: hardly any memory is free; a checkpoint is written.
         """
         if self._is_on and trainer.step % EVERY == 0:
-            memory = self._read()
-            # Only Linux tells what the process has.
-            known = memory is not None and memory.own > 0
-            self._limits = self._look(trainer, memory) if known and memory else GrowthLimits()
+            looks = trainer.parts.team.gathered(self._look(trainer))
+            known = [look for look in looks if look is not None]
+            least = min(known, key=lambda look: (look.new_rows, look.free), default=None)
+            self._limits = GrowthLimits() if least is None else self._limited(trainer, least)
         return self._limits
 
-    def _look(self, trainer: Trainer, memory: MachineMemory) -> GrowthLimits:
-        """Do what the free memory asks for."""
-        free, model = memory.free + memory.swap, trainer.parts.refined
-        tight = max(TIGHT * memory.allowed, END_BYTES)
+    def _look(self, trainer: Trainer) -> _Look | None:
+        """Read the memory of this process, and drop its images if little is free."""
+        memory = self._read()
+        if memory is None or memory.own <= 0:  # Only Linux tells what the process has.
+            return None
+        free, tight = memory.free + memory.swap, max(TIGHT * memory.allowed, END_BYTES)
         if free < tight:
             free += trainer.parts.data.drop_images()
             release_freed_memory()
             self._tell(trainer.step, memory, "fewer decoded images are kept (cache_mb)")
-        if free < FULL * memory.allowed:
-            raise main_memory_full(trainer, memory)
-        new = int(max(free - tight, 0.0) / max(GROWN * model_row_memory(model).peak, 1.0))
-        if new >= model.num_rows:
+        model, whole = trainer.parts.model, trainer.parts.refined
+        own_rows = int(max(free - tight, 0.0) / max(GROWN * model_row_memory(model).peak, 1.0))
+        return _Look(memory, free, own_rows * whole.num_rows // max(model.num_rows, 1))
+
+    def _limited(self, trainer: Trainer, look: _Look) -> GrowthLimits:
+        """The limit of growth by the look of the process that has least room."""
+        if look.free < FULL * look.memory.allowed:
+            full = main_memory_full(trainer, look.memory)
+            if trainer.parts.team.leads:  # The others end with it.
+                raise full
+        rows = trainer.parts.refined.num_rows
+        if look.new_rows >= rows:
             return GrowthLimits()
-        if new < USUAL_GROWTH * model.num_rows:
-            self._tell(trainer.step, memory, "growth slows down, and ends where memory does")
-        return GrowthLimits(max_rows=model.num_rows + new)
+        if look.new_rows < USUAL_GROWTH * rows:
+            measure = "growth slows down, and ends where memory does"
+            self._tell(trainer.step, look.memory, measure)
+        return GrowthLimits(max_rows=rows + look.new_rows)
 
     def _tell(self, step: int, memory: MachineMemory, measure: str) -> None:
         """Say once what is done."""
@@ -92,3 +105,14 @@ class MemoryWatch:
                 "step %d: memory runs short (%s are free, and %s): %s. check_memory=false trains "
                 "without such limits.", step, left, memory, measure,
             )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What one process has seen."""
+
+    memory: MachineMemory
+    free: int
+    """Bytes, with those of images that were dropped."""
+    new_rows: int
+    """Rows that the whole model may gain, where each process has its part of them or all."""

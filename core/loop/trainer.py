@@ -348,12 +348,15 @@ class Trainer:
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
 
-    def keep_state(self) -> None:
+    def keep_state(self, together: bool = False) -> None:
         """Write a checkpoint in place of further steps, if none has changed a part of the state.
 
         Views that an unfinished step has drawn count as seen.
+
+        Args:
+            together: true if all processes of the team do so between the same two steps.
         """
-        is_whole = self.parts.team.size == 1 and not self._updates.is_underway
+        is_whole = (together or self.parts.team.size == 1) and not self._updates.is_underway
         if is_whole and self.folder.latest_checkpoint() != self.folder.checkpoint(self.step):
             self._checkpoint()
 

@@ -20,7 +20,7 @@ def test_a_run_that_cannot_fit_ends_with_a_sentence_and_leaves_no_folder(
     tmp_path, capsys, monkeypatch
 ):
     little = MachineMemory(180_000_000, 180_000_000, is_group=True)
-    monkeypatch.setattr(memory_fit, "machine_memory", lambda: little)
+    monkeypatch.setattr(memory_fit, "process_memory", lambda: little)
     for more in ((), ("--dry-run",)):
         assert main(["train", *WORDS, f"out={tmp_path / 'run'}", *more]) == 2
         assert capsys.readouterr().err.endswith(

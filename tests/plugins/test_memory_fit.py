@@ -5,13 +5,13 @@ import torch
 from support.small_scene import SMALL_SCENE
 from support.street import write_street
 
+from gsfw.core import machine_memory
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.growth_limit import UNLIMITED
 from gsfw.core.machine_memory import MachineMemory
 from gsfw.core.training_memory import START_BYTES, USUAL_ROW
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.planning.costs import memory_note
-from gsfw.plugins import memory_fit
 from gsfw.plugins.compose import compose
 from gsfw.plugins.memory_fit import MemoryFit, usual_cache_mb
 from gsfw.plugins.opening import open_data
@@ -28,7 +28,7 @@ def memory(monkeypatch):
 
     def there_is(megabytes: float, **more: object) -> None:
         found = MachineMemory(int(megabytes * MB), int(megabytes * MB), **more)
-        monkeypatch.setattr(memory_fit, "machine_memory", lambda: found)
+        monkeypatch.setattr(machine_memory, "machine_memory", lambda: found)
 
     return there_is
 
@@ -136,7 +136,7 @@ def test_a_trained_model_is_opened_whatever_training_would_need(memory):
 
 
 def test_unknown_memory_refuses_nothing(monkeypatch):
-    monkeypatch.setattr(memory_fit, "machine_memory", lambda: None)
+    monkeypatch.setattr(machine_memory, "machine_memory", lambda: None)
     composition = composed()
     assert memory_note(composition) == ()
     assert usual_cache_mb(composition.settings) == 2048
