@@ -82,11 +82,13 @@ def outcome(found: Found, size: int) -> Outcome:
             and found.planted.drift.per_step > MOST_DRIFT,
         ),
         Promise(
-            "Long trainings end with finite numbers.",
+            "Long trainings end with finite numbers and a model that shows something.",
             f"{size:,} steps, {methods} methods, {captures} captures at 1/10 to 1/32 of their "
-            "size: every logged loss, the checkpoints and splats.ply.",
+            "size: every logged loss, the checkpoints, splats.ply, and the findings of the runs.",
             f"{len(found.runs)} runs, {len(everything) - len(alike)} of which failed",
-            holds=len(alike) == len(everything) and not _has(everything, "not finite"),
+            holds=len(alike) == len(everything)
+            and not _has(everything, "not finite")
+            and not _has(everything, "collapsed"),
         ),
         Promise(
             "A run that goes on from a checkpoint ends with the same bits.",

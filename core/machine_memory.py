@@ -1,4 +1,4 @@
-"""Machine memory: the main memory that this process may have, by the machine and control groups.
+"""Machine memory: what this process may have, by the machine, its control groups and its GPU.
 
 Past the limit of a control group Linux ends a process without a word. The limits of an address
 space and of data (``RLIMIT_AS``, ``RLIMIT_DATA``) are no part of this: they count what is only
@@ -10,7 +10,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from enum import Enum
 from pathlib import Path
+
+import torch
 
 from gsfw.core.control_groups import ControlGroup, control_groups
 from gsfw.core.words import size
@@ -32,6 +35,14 @@ MOSTLY = 0.9
 """Part of a limit above which the rest is not worth a word."""
 
 
+class Limit(Enum):
+    """What limits memory, as the beginning of a sentence."""
+
+    MACHINE = "this machine has"
+    GROUP = "the control group of this process allows"
+    GPU = "its GPU has"
+
+
 @dataclass(frozen=True)
 class MachineMemory:
     """The memory that one limit leaves to this process; in bytes."""
@@ -44,8 +55,7 @@ class MachineMemory:
     """That this process has already."""
     swap: int = 0
     """On disk, beyond that: a process that needs it goes on, many times slower."""
-    is_group: bool = False
-    """True for the limit of a control group, false for the memory of the machine."""
+    limit: Limit = Limit.MACHINE
 
     @property
     def room(self) -> int:
@@ -58,9 +68,8 @@ class MachineMemory:
 
     def __str__(self) -> str:
         """The limit, and what others leave of it: "this machine has 8.0 GB, of which ..."."""
-        verb = "the control group of this process allows" if self.is_group else "this machine has"
         left = "" if self.room > MOSTLY * self.allowed else f", of which {size(self.room)} are left"
-        return f"{verb} {size(self.allowed)}{left}"
+        return f"{self.limit.value} {size(self.allowed)}{left}"
 
 
 def machine_memory() -> MachineMemory | None:
@@ -72,6 +81,19 @@ def process_memory() -> MachineMemory | None:
     """The part of ``machine_memory`` of one of the processes that torchrun starts together."""
     memory, processes = machine_memory(), int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
     return None if memory is None else memory.shared_by(processes)
+
+
+def gpu_memory(device: torch.device) -> MachineMemory:
+    """The memory of a GPU; what torch keeps of it for later tensors counts as free.
+
+    Args:
+        device: a CUDA device.
+    """
+    free, allowed = torch.cuda.mem_get_info(device)
+    own = torch.cuda.memory_allocated(device)
+    return MachineMemory(
+        allowed, free + torch.cuda.memory_reserved(device) - own, own, limit=Limit.GPU
+    )
 
 
 def memory_limits() -> list[MachineMemory]:
@@ -102,7 +124,7 @@ def _groups(machine: MachineMemory) -> Iterator[MachineMemory]:
         # Memory that this process had before it joined the group counts for another one.
         own = min(machine.own, _used(group))
         free, swap = limit - _used(group), min(machine.swap, _swap(group, limit))
-        yield MachineMemory(limit, max(free, 0), own, swap, is_group=True)
+        yield MachineMemory(limit, max(free, 0), own, swap, Limit.GROUP)
 
 
 def _used(group: ControlGroup) -> int:

@@ -63,14 +63,14 @@ def memory_mb(composition: Composition) -> float:
 
 
 def most_that_fit(composition: Composition) -> int:
-    """About how many Gaussians of a run fit into the main memory that is there."""
+    """About how many Gaussians of a run fit into the memory that is there."""
     parts = composition.parts
     fit = MemoryFit(composition.settings, parts.data, parts.device)
     return fit.most_gaussians(fit.row(parts.model))
 
 
 def memory_note(composition: Composition) -> tuple[str, ...]:
-    """Note on a run that may need more main memory than there is; nothing for other runs."""
+    """Note on a run that may need more memory than there is; nothing for other runs."""
     parts, settings = composition.parts, composition.settings
     start = len(parts.table)
     grown = max(start, expected_gaussians(composition, MOST_PER_PIXEL))  # A limit removes none.
@@ -83,7 +83,7 @@ def memory_note(composition: Composition) -> tuple[str, ...]:
     may = "that the model may grow to " if grown > start else ""
     return (
         f"memory may run short: the {grown:,} Gaussians {may}need about "
-        f"{size(fit.need(grown, row).total)}, and {fit.memory}; about {most:,} fit{way}.",
+        f"{size(fit.rows_need(grown, row))}, and {fit.rows_memory}; about {most:,} fit{way}.",
     )
 
 

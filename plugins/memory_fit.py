@@ -12,7 +12,7 @@ from torch import Tensor
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.growth_limit import UNLIMITED
-from gsfw.core.machine_memory import MachineMemory, process_memory
+from gsfw.core.machine_memory import Limit, MachineMemory, gpu_memory, process_memory
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
@@ -70,6 +70,11 @@ class MemoryFit:
         """The memory of this process; ``None`` where it is unknown."""
         return process_memory()
 
+    @cached_property
+    def rows_memory(self) -> MachineMemory | None:
+        """The memory that has the Gaussians: that of the GPU, or main memory."""
+        return gpu_memory(self.device) if self.device.type == "cuda" else self.memory
+
     @property
     def _shards(self) -> int:
         """Number of processes that share the Gaussians."""
@@ -104,20 +109,34 @@ class MemoryFit:
         if self.device.type != "cpu":
             return TrainingMemory(0, row, len(self.data.scene.points), 0, images)
         points = len(self.data.scene.points)
-        # A process makes all Gaussians at the start, and then has its share of them.
-        own = row.shared(self._shards) if self._shards > 1 else row
-        return TrainingMemory(gaussians, own, points, views.pixels, images)
+        return TrainingMemory(gaussians, self._share(row), points, views.pixels, images)
+
+    def _share(self, row: RowMemory) -> RowMemory:
+        """The part of this process, which makes all Gaussians and then has some of them."""
+        return row.shared(self._shards) if self._shards > 1 else row
+
+    def rows_need(self, gaussians: int, row: RowMemory) -> float:
+        """Bytes that so many Gaussians take where they are, with all else that is there.
+
+        On a GPU these are their own alone; what rasterizers keep besides is not estimated.
+        """
+        if self.device.type == "cuda":
+            return gaussians * self._share(row).peak
+        return self.need(gaussians, row).total
 
     def most_gaussians(self, row: RowMemory) -> int:
-        """Number of Gaussians that fit, with two digits; ``UNLIMITED`` where nothing limits them.
+        """Number of Gaussians that fit, with two digits; ``UNLIMITED`` where the memory is unknown.
 
         Args:
             row: of a Gaussian.
         """
-        one = self.need(1, row)
-        if self.memory is None or not one.gaussians:
+        memory = self.rows_memory
+        if memory is None:
             return UNLIMITED
-        most = one.most_gaussians(self.memory.room)
+        if memory.limit is Limit.GPU:
+            most = int(memory.room / self._share(row).peak)
+        else:
+            most = self.need(1, row).most_gaussians(memory.room)
         return most - most % 10 ** max(len(str(most)) - 2, 0)
 
     def check_start(self, method: Method, scene: Scene, initial: Splats | None) -> None:
@@ -172,12 +191,29 @@ class MemoryFit:
             NotEnoughMemoryError: they do not; names the need, the limit and what needs less.
         """
         need = self.need(gaussians, row)
+        self._check_gpu(gaussians, row)
         if self.memory is None or not self._is_too_much(need):
             return
         what = f" for {gaussians:,} Gaussians to start with" if need.gaussians else ""
         raise NotEnoughMemoryError(
             f"training needs about {size(need.total)} of memory{what}, and {self.memory}.",
             self._advice(need, self.memory, self.most_gaussians(row)),
+        )
+
+    def _check_gpu(self, gaussians: int, row: RowMemory) -> None:
+        """Check that the parameters, gradients and moments of the first step fit on the GPU.
+
+        Raises:
+            NotEnoughMemoryError: they do not.
+        """
+        memory, kept = self.rows_memory, gaussians * self._share(row).kept
+        checks = self.is_new and self.settings.config.check_memory
+        if not checks or memory is None or memory.limit is not Limit.GPU or kept <= memory.room:
+            return
+        raise NotEnoughMemoryError(
+            f"training needs {size(kept)} of GPU memory and more for {gaussians:,} Gaussians to "
+            f"start with, and {memory}.",
+            self._advice(TrainingMemory(gaussians, row, 0, 0, 0), memory, self.most_gaussians(row)),
         )
 
     def _advice(self, need: TrainingMemory, memory: MachineMemory, most: int) -> str:

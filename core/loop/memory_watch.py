@@ -12,9 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import torch
+
 from gsfw.core.loop.full_memory import main_memory_full
 from gsfw.core.loop.memory import release_freed_memory
-from gsfw.core.machine_memory import MachineMemory, process_memory
+from gsfw.core.machine_memory import MachineMemory, gpu_memory, process_memory
 from gsfw.core.refiner import GrowthLimits
 from gsfw.core.training_memory import model_row_memory
 from gsfw.core.words import size
@@ -24,11 +26,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("gsfw.run")
 
-EVERY = 10
-"""Steps from one look to the next: a look takes 0.1 ms, and models grow every 100 steps."""
+EVERY, GPU_EVERY = 10, 100
+"""Steps from one look to the next. Models grow every 100 steps; a look takes 0.1 ms, on a GPU
+perhaps more."""
 TIGHT, FULL = 0.1, 0.03
 """Parts of the allowed memory: while less than the first is free, no row is added and decoded
-images are dropped; with less than the second the run ends with a checkpoint."""
+images are dropped; with less than the second of main memory the run ends with a checkpoint. A GPU
+that is full ends no process: torch has an error for it."""
 END_BYTES = 120e6
 """Memory that stays free of rows, however little is allowed: the evaluation, the charts and the
 files at the end took 100 MB where they were measured."""
@@ -43,15 +47,20 @@ class MemoryWatch:
     """Limits growth and drops images where memory is short, and ends a run that has none left."""
 
     def __init__(
-        self, is_on: bool, read: Callable[[], MachineMemory | None] = process_memory
+        self,
+        is_on: bool,
+        device: torch.device,
+        read: Callable[[], MachineMemory | None] = process_memory,
     ) -> None:
         """Nothing is read yet.
 
         Args:
             is_on: false for a run that trains whatever memory there is.
-            read: gives the memory of this process; ``None`` where it is unknown.
+            device: of the model.
+            read: gives the main memory of this process; ``None`` where it is unknown.
         """
-        self._is_on, self._read = is_on, read
+        self._is_on, self._device, self._read = is_on, device, read
+        self._every = EVERY if device.type == "cpu" else GPU_EVERY
         self._limits = GrowthLimits()
         self._told: set[str] = set()
 
@@ -59,12 +68,12 @@ class MemoryWatch:
         """The limit of growth by the memory that is free, between two steps of all processes.
 
         Raises:
-            NotEnoughMemoryError: hardly any memory is free; a checkpoint is written.
+            NotEnoughMemoryError: hardly any main memory is free; a checkpoint is written.
         """
-        if self._is_on and trainer.step % EVERY == 0:
+        if self._is_on and trainer.step % self._every == 0:
             looks = trainer.parts.team.gathered(self._look(trainer))
             known = [look for look in looks if look is not None]
-            least = min(known, key=lambda look: (look.new_rows, look.free), default=None)
+            least = min(known, key=lambda look: (not look.is_full, look.new_rows), default=None)
             self._limits = GrowthLimits() if least is None else self._limited(trainer, least)
         return self._limits
 
@@ -73,18 +82,24 @@ class MemoryWatch:
         memory = self._read()
         if memory is None or memory.own <= 0:  # Only Linux tells what the process has.
             return None
-        free, tight = memory.free + memory.swap, max(TIGHT * memory.allowed, END_BYTES)
-        if free < tight:
+        free = memory.free + memory.swap
+        if free < _tight(memory):
             free += trainer.parts.data.drop_images()
             release_freed_memory()
             self._tell(trainer.step, memory, "fewer decoded images are kept (cache_mb)")
+        if free < FULL * memory.allowed:
+            return _Look(memory, 0, is_full=True)
+        if self._device.type == "cuda":
+            memory = gpu_memory(self._device)
+            free = memory.free
         model, whole = trainer.parts.model, trainer.parts.refined
-        own_rows = int(max(free - tight, 0.0) / max(GROWN * model_row_memory(model).peak, 1.0))
-        return _Look(memory, free, own_rows * whole.num_rows // max(model.num_rows, 1))
+        room = max(free - _tight(memory), 0.0)
+        own_rows = int(room / max(GROWN * model_row_memory(model).peak, 1.0))
+        return _Look(memory, own_rows * whole.num_rows // max(model.num_rows, 1))
 
     def _limited(self, trainer: Trainer, look: _Look) -> GrowthLimits:
         """The limit of growth by the look of the process that has least room."""
-        if look.free < FULL * look.memory.allowed:
+        if look.is_full:
             full = main_memory_full(trainer, look.memory)
             if trainer.parts.team.leads:  # The others end with it.
                 raise full
@@ -107,12 +122,18 @@ class MemoryWatch:
             )  # fmt: skip
 
 
+def _tight(memory: MachineMemory) -> float:
+    """Free memory below which no row is added; in bytes."""
+    return max(TIGHT * memory.allowed, END_BYTES)
+
+
 @dataclass(frozen=True)
 class _Look:
     """What one process has seen."""
 
     memory: MachineMemory
-    free: int
-    """Bytes, with those of images that were dropped."""
+    """Of the rows, or main memory if that is full."""
     new_rows: int
     """Rows that the whole model may gain, where each process has its part of them or all."""
+    is_full: bool = False
+    """True if hardly any main memory is free."""

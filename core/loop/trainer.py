@@ -59,8 +59,7 @@ class Trainer:
         self._stopwatch = Stopwatch()
         recorder = recorder_for(parts.device) if plan.records_steps else None
         self._updates = Update(parts, self._stopwatch, recorder)
-        is_alone = parts.team.size == 1 and parts.device.type == "cpu"
-        self._memory = MemoryWatch(plan.checks_memory and is_alone)
+        self._memory = MemoryWatch(plan.checks_memory, parts.device)
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)

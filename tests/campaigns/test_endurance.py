@@ -61,6 +61,7 @@ def test_the_first_difference_of_two_states_is_named():
         (Found(SOUND, SOUND, [SOUND], FITS), [0]),
         (Found(replace(SOUND, faults=["memory grows by 99 bytes a step"]), LEAKING, [], FITS), [0]),
         (Found(SOUND, LEAKING, [replace(SOUND, judged=Judged(Verdict.BROKEN, "x"))], FITS), [1]),
+        (Found(SOUND, LEAKING, [replace(SOUND, faults=["the model collapsed (x)"])], FITS), [1]),
         (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw resume: other"])], FITS), [2]),
         (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw eval has x"])], FITS), [3]),
         (Found(SOUND, LEAKING, [SOUND], replace(FITS, measured=9e9)), [4]),

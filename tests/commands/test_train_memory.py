@@ -10,7 +10,7 @@ from memory_limit import memory_limit
 from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
-from gsfw.core.machine_memory import MachineMemory
+from gsfw.core.machine_memory import Limit, MachineMemory
 from gsfw.plugins import memory_fit
 
 WORDS = ("method=3dgs", "device=cpu", *SMALL_SCENE, "steps=2", "report=false")
@@ -19,7 +19,7 @@ WORDS = ("method=3dgs", "device=cpu", *SMALL_SCENE, "steps=2", "report=false")
 def test_a_run_that_cannot_fit_ends_with_a_sentence_and_leaves_no_folder(
     tmp_path, capsys, monkeypatch
 ):
-    little = MachineMemory(180_000_000, 180_000_000, is_group=True)
+    little = MachineMemory(180_000_000, 180_000_000, limit=Limit.GROUP)
     monkeypatch.setattr(memory_fit, "process_memory", lambda: little)
     for more in ((), ("--dry-run",)):
         assert main(["train", *WORDS, f"out={tmp_path / 'run'}", *more]) == 2

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gsfw.core import control_groups, machine_memory
-from gsfw.core.machine_memory import MachineMemory, memory_limits
+from gsfw.core.machine_memory import Limit, MachineMemory, memory_limits
 
 GB = 1 << 30
 UNLIMITED_OF_1 = 9223372036854771712
@@ -48,7 +48,7 @@ def test_the_limit_of_a_group_or_its_parents_holds(system, place):
     write(system / "groups" / place / "memory.max", 2 * GB)
     write(system / "groups" / place / "memory.current", GB)
     found = machine_memory.machine_memory()
-    assert found == MachineMemory(2 * GB, free=GB, own=GB, is_group=True)
+    assert found == MachineMemory(2 * GB, free=GB, own=GB, limit=Limit.GROUP)
     assert str(found) == "the control group of this process allows 2.1 GB"
 
 
@@ -73,18 +73,18 @@ def test_version_1_has_other_files(system):
     write(group / "memory.limit_in_bytes", 3 * GB)
     write(group / "memory.usage_in_bytes", 2 * GB)
     write(group / "memory.stat", f"cache {GB}", f"total_inactive_file {GB}")
-    assert machine_memory.machine_memory() == MachineMemory(3 * GB, 2 * GB, GB, is_group=True)
+    assert machine_memory.machine_memory() == MachineMemory(3 * GB, 2 * GB, GB, limit=Limit.GROUP)
 
 
 @pytest.mark.parametrize("limit", [UNLIMITED_OF_1, 9 * GB])
 def test_a_limit_above_the_memory_of_the_machine_is_none(system, limit):
     write(in_version_1(system) / "memory.limit_in_bytes", limit)
-    assert not machine_memory.machine_memory().is_group
+    assert machine_memory.machine_memory().limit is Limit.MACHINE
 
 
 def test_max_is_no_limit(system):
     write(system / "groups" / "a" / "memory.max", "max")
-    assert not machine_memory.machine_memory().is_group
+    assert machine_memory.machine_memory().limit is Limit.MACHINE
 
 
 def test_swap_counts_as_far_as_the_group_may_use_it(system):

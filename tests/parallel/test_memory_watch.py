@@ -7,7 +7,7 @@ from threading import BrokenBarrierError
 
 import pytest
 import torch
-from support.memory_training import Recorder, trainer, with_parts
+from support.memory_training import CPU, Recorder, trainer, with_parts
 from support.states import assert_same_bits
 from support.thread_group import in_threads
 
@@ -40,7 +40,7 @@ def processes(work, folder, divided, memory):
 
     def run(group):
         own = divided(trainer(folder, "adc", Recorder(), views_per_step=2, steps=STEPS), group)
-        own._memory = MemoryWatch(True, lambda: memory(group.rank, own.step))
+        own._memory = MemoryWatch(True, CPU, lambda: memory(group.rank, own.step))
         return work(own)
 
     return in_threads(SIZE, run)

@@ -1,5 +1,7 @@
 """Runs that do not fit into memory are refused in words before they begin."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from support.small_scene import SMALL_SCENE
@@ -7,8 +9,7 @@ from support.street import write_street
 
 from gsfw.core import machine_memory
 from gsfw.core.errors import NotEnoughMemoryError
-from gsfw.core.loop.growth_limit import UNLIMITED
-from gsfw.core.machine_memory import MachineMemory
+from gsfw.core.machine_memory import Limit, MachineMemory
 from gsfw.core.training_memory import START_BYTES, USUAL_ROW
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.planning.costs import memory_note
@@ -56,7 +57,7 @@ def street(tmp_path_factory) -> str:
 
 
 def test_a_start_that_does_not_fit_is_refused_with_what_needs_less(street, memory):
-    memory(540, is_group=True)
+    memory(540, limit=Limit.GROUP)
     error = refusal(f"data={street}")
     assert error.exit_code == 2
     assert error.message == (
@@ -160,10 +161,43 @@ def test_shards_are_in_a_process_each_that_makes_all_gaussians_at_the_start():
     assert fit_of("processes=4").need(1001, USUAL_ROW).gaussians == 1001
 
 
-def test_gaussians_on_a_gpu_take_no_main_memory():
+@pytest.fixture
+def gpu(monkeypatch):
+    """A GPU of 1 GB, of which other programs have 300 MB, and torch keeps 100 MB that are free."""
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (600 * MB, 1000 * MB))
+    monkeypatch.setattr(torch.cuda, "memory_reserved", lambda device: 100 * MB)
+    monkeypatch.setattr(torch.cuda, "memory_allocated", lambda device: 0)
+    return torch.device("cuda")
+
+
+def test_gaussians_on_a_gpu_take_its_memory_and_no_main_memory(gpu):
     fit = fit_of(device="cuda")
     assert fit.need(10**9, USUAL_ROW).total < 400 * MB
-    assert fit.most_gaussians(USUAL_ROW) == UNLIMITED
+    assert fit.most_gaussians(USUAL_ROW) == 510_000
+    assert fit.rows_need(1000, USUAL_ROW) == 1000 * USUAL_ROW.peak
+    shared = fit_of("processes=4", "shards=4", device="cuda")
+    assert shared.rows_need(1000, USUAL_ROW) < fit.rows_need(1000, USUAL_ROW)
+
+
+def test_gaussians_that_no_gpu_memory_holds_are_refused_before_they_are_made(gpu):
+    fit = fit_of(device="cuda")
+    fit._check_gpu(700_000, USUAL_ROW)
+    with pytest.raises(NotEnoughMemoryError) as caught:
+        fit._check_gpu(800_000, USUAL_ROW)
+    assert caught.value.message == (
+        "training needs 755 MB of GPU memory and more for 800,000 Gaussians to start with, and "
+        "its GPU has 1.0 GB, of which 700 MB are left."
+    )
+    assert "init=dense dense_points=510000" in caught.value.advice
+    fit_of("check_memory=false", device="cuda")._check_gpu(800_000, USUAL_ROW)
+
+
+def test_growth_beyond_the_memory_of_a_gpu_is_noted(gpu):
+    free = ("datamanager.width=800", "datamanager.height=600", "strategy.max_gaussians=3000000")
+    made = composed(*free, "datamanager.points=20000", "steps=30000")
+    there = replace(made, parts=replace(made.parts, device=gpu))
+    (note,) = memory_note(there)
+    assert "its GPU has 1.0 GB, of which 700 MB are left; about 510,000 fit" in note
 
 
 def test_growth_beyond_memory_is_noted_with_the_limit_that_prevents_it(memory):

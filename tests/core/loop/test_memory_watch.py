@@ -1,13 +1,14 @@
 """A run whose memory runs short gives up growth, then images, and ends with a checkpoint."""
 
 import pytest
-from support.memory_training import MemoryData, Recorder, trainer, with_parts
+import torch
+from support.memory_training import CPU, MemoryData, Recorder, trainer, with_parts
 from support.states import assert_same_bits
 
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.memory_watch import MemoryWatch
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.core.machine_memory import MachineMemory
+from gsfw.core.machine_memory import Limit, MachineMemory
 from gsfw.core.training_memory import model_row_memory
 
 ALLOWED = 10**9
@@ -22,7 +23,9 @@ class Memory:
     def __call__(self) -> MachineMemory:
         self.looks -= 1
         free = 1.0 if self.looks >= 0 else self.free
-        return MachineMemory(ALLOWED, int(free * ALLOWED), int(self.own * ALLOWED), is_group=True)
+        return MachineMemory(
+            ALLOWED, int(free * ALLOWED), int(self.own * ALLOWED), limit=Limit.GROUP
+        )
 
 
 class CountedData(MemoryData):
@@ -39,7 +42,7 @@ def run(folder, memory=None, strategy="adc", is_on=True):
     """A short training that grows; its memory is read from ``memory``."""
     made = with_parts(trainer(folder, strategy, Recorder()), data=CountedData())
     made._memory = (
-        MemoryWatch(is_on, lambda: None) if memory is None else MemoryWatch(is_on, memory)
+        MemoryWatch(is_on, CPU, lambda: None) if memory is None else MemoryWatch(is_on, CPU, memory)
     )
     return made
 
@@ -60,7 +63,7 @@ def test_a_model_grows_without_a_limit_while_it_may_double(tmp_path):
     def most(new_rows: float) -> int | None:
         free = 120_000_000 + int(new_rows * each)
         memory = MachineMemory(10**9, free, 10**8)
-        return MemoryWatch(True, lambda: memory).limits(made).max_rows
+        return MemoryWatch(True, CPU, lambda: memory).limits(made).max_rows
 
     assert most(rows + 0.5) is None
     assert most(rows - 0.5) == rows + rows - 1
@@ -70,7 +73,7 @@ def test_a_model_grows_without_a_limit_while_it_may_double(tmp_path):
 def test_what_a_run_needs_at_its_end_is_not_for_rows(tmp_path):
     made = run(tmp_path / "a")
     short = MachineMemory(5 * 10**8, 11 * 10**7, 2 * 10**8)
-    assert MemoryWatch(True, lambda: short).limits(made).max_rows == len(made.parts.table)
+    assert MemoryWatch(True, CPU, lambda: short).limits(made).max_rows == len(made.parts.table)
 
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
@@ -112,6 +115,27 @@ def test_a_run_without_memory_ends_with_a_checkpoint_and_what_helps(tmp_path):
     assert (
         f"{kept} is kept: gsfw resume {tmp_path / 'a'} goes on from there." in caught.value.advice
     )
+
+
+def test_a_model_on_a_gpu_grows_by_the_memory_of_the_gpu(tmp_path, monkeypatch):
+    made = run(tmp_path / "a")
+    rows, each = len(made.parts.table), 4 * model_row_memory(made.parts.model).peak
+    free = {"main": 0.5, "gpu": 10**8 + 10.5 * each}
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (int(free["gpu"]), 10**9))
+    monkeypatch.setattr(torch.cuda, "memory_reserved", lambda device: 50_000_000)
+    monkeypatch.setattr(torch.cuda, "memory_allocated", lambda device: 30_000_000)
+
+    def most() -> int | None:
+        return MemoryWatch(True, torch.device("cuda"), Memory(free["main"])).limits(made).max_rows
+
+    assert most() == rows + 10  # Torch keeps 20 MB for later: with these, 120 MB are no row's.
+    free["gpu"] = 5 * 10**8
+    assert most() is None
+    free["gpu"] = 0.0  # Torch has an error for a GPU that is full.
+    assert most() == rows
+    free["main"] = 0.01
+    with pytest.raises(NotEnoughMemoryError, match="memory is full after 0 steps"):
+        most()
 
 
 def test_a_watch_that_is_off_or_knows_nothing_lets_runs_go_on(tmp_path):
