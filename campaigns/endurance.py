@@ -13,7 +13,18 @@ from pathlib import Path
 
 from campaign import Campaign, Detail, Outcome, Promise
 from large_step import LargeStep, large_step
-from long_runs import COLUMNS, DATA, LONG_RUNS, MOST_DRIFT, MOST_GROWTH, Endured, LongRun, endure
+from long_runs import (
+    COLUMNS,
+    DATA,
+    LONG_RUNS,
+    MOST_DRIFT,
+    MOST_GROWTH,
+    SAME_QUALITY,
+    Endured,
+    LongRun,
+    endure,
+    other_instruction_set,
+)
 from training_runs import Verdict
 
 STEPS, GAUSSIANS = 30_000, 10_000_000
@@ -94,8 +105,15 @@ def outcome(found: Found, size: int) -> Outcome:
             "A run that goes on from a checkpoint ends with the same bits.",
             "Each run again from its last checkpoint but one: model, moments, generators, all "
             "other state.",
-            f"{len(alike)} runs, {len(_having(everything, 'resume'))} with a difference",
-            holds=not _has(everything, "resume"),
+            f"{len(alike)} runs, {len(_having(everything, ' differs'))} with a difference",
+            holds=not _has(everything, " differs") and not _has(everything, "exit code"),
+        ),
+        Promise(
+            "A run goes on with another instruction set, says so, and ends as well.",
+            f"The same checkpoint, with the kernels of {other_instruction_set() or 'none'}: the "
+            f"warning, finite numbers, PSNR within {SAME_QUALITY:g} dB.",
+            f"{len(alike)} runs, {len(_having(everything, ' with '))} with a fault",
+            holds=not _has(everything, " with ") and bool(other_instruction_set()),
         ),
         Promise(
             "gsfw eval has the figures that the run has logged.",

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from campaign import ROOT
 from memory_trace import Drift, drift, read_trace
-from training_runs import QUIET, Judged, Verdict, judge, run_verb
+from training_runs import QUIET, Ended, Judged, Verdict, judge, run_verb
 
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.kernels.cpu.native_module import instruction_set, instruction_sets
 
 DATA = next(
     (path / "shared" / "data" for path in ROOT.parents if (path / "shared" / "data").is_dir()),
@@ -31,6 +32,10 @@ MOST_GROWTH = 0.05
 """Part by which memory may grow over the second half of a run, in whatever way."""
 RESULTS = ("psnr", "ssim")
 """Figures that an evaluation repeats."""
+OTHER_BITS = "may differ in its last bits"
+"""Words of a run that goes on with other instructions."""
+SAME_QUALITY = 1.0
+"""dB by which its PSNR may differ: errors of rounding grow in 6000 steps to other Gaussians."""
 OWN_MACHINE = ("train_seconds", "environment")
 """Parts of a state that are of the machine."""
 
@@ -130,6 +135,7 @@ def endure(run: LongRun, steps: int, seed: int, folder: Path, extra: Sequence[st
         *faults_of_evaluation(out, folder),
     ]
     faults += faults_of_resume(out, steps, folder)
+    faults += faults_of_other_processor(out, steps, folder)
     return Endured(run, judged, moved, faults)
 
 
@@ -173,22 +179,54 @@ def faults_of_evaluation(out: Path, folder: Path) -> Iterator[str]:
 
 def faults_of_resume(out: Path, steps: int, folder: Path) -> Iterator[str]:
     """Differences in the last state of a run that goes on from its last checkpoint but one."""
-    run, again = RunFolder(out), RunFolder(folder / "again")
+    again = RunFolder(folder / "again")
+    middle, ended = _resumed(out, again, steps, folder)
+    if ended.code != 0:
+        yield f"gsfw resume from {middle} ended with exit code {ended.code}"
+        return
+    last = RunFolder(out).checkpoint(steps)
+    other = first_difference(read_checkpoint(last), read_checkpoint(again.checkpoint(steps)))
+    if other:
+        yield f"gsfw resume from {middle}: {other} differs"
+
+
+def faults_of_other_processor(out: Path, steps: int, folder: Path) -> Iterator[str]:
+    """Faults of the same run, if it goes on with other instructions: bits differ, quality not."""
+    other, again = other_instruction_set(), RunFolder(folder / f"again_{other_instruction_set()}")
+    if not other:
+        return
+    middle, ended = _resumed(out, again, steps, folder, {"GSFW_CPU_ISA": other})
+    judged = judge(ended, again.path)
+    if judged.verdict is not Verdict.SURVIVED:
+        yield f"gsfw resume from {middle} with {other}: {judged.reason}"
+        return
+    if OTHER_BITS not in ended.err:
+        yield f"gsfw resume from {middle} with {other} does not say that bits may differ"
+    logged = json.loads(RunFolder(out).summary.read_text())["psnr"]
+    if abs(judged.figures["psnr"] - logged) > SAME_QUALITY:
+        yield (
+            f"gsfw resume from {middle} with {other} has PSNR {judged.figures['psnr']:.2f} dB, the "
+            f"run {logged:.2f}"
+        )
+
+
+def other_instruction_set() -> str:
+    """The one after that which kernels use here, which is the best; empty if there is none."""
+    sets = [*instruction_sets(), ""]
+    return sets[sets.index(instruction_set()) + 1]
+
+
+def _resumed(
+    out: Path, again: RunFolder, steps: int, folder: Path, environment: Mapping[str, str] = {}
+) -> tuple[str, Ended]:
+    """A copy of a run goes on from its last checkpoint but one: its name, and how that ended."""
     shutil.copytree(out, again.path)
-    last = run.checkpoint(steps)
     again.checkpoint(steps).unlink()
     again.summary.unlink()
     middle = again.latest_checkpoint()
-    if middle is None or middle.name == run.checkpoint(0).name:
-        yield "gsfw resume has no checkpoint in the middle"
-        return
-    ended = run_verb(["resume", str(again.path)], folder, SLOWEST * steps, TRACE)
-    if ended.code != 0:
-        yield f"gsfw resume from {middle.name} ended with exit code {ended.code}"
-        return
-    other = first_difference(read_checkpoint(last), read_checkpoint(again.checkpoint(steps)))
-    if other:
-        yield f"gsfw resume from {middle.name}: {other} differs"
+    name = "no checkpoint" if middle is None else middle.name
+    words = ["resume", str(again.path)]
+    return name, run_verb(words, folder, SLOWEST * steps, {**TRACE, **environment})
 
 
 def first_difference(one: object, other: object, where: str = "state") -> str:

@@ -15,8 +15,10 @@ from long_runs import (
     Endured,
     endure,
     faults_of_evaluation,
+    faults_of_other_processor,
     faults_of_resume,
     first_difference,
+    other_instruction_set,
 )
 from memory_trace import Drift, drift
 from training_runs import Judged, Verdict
@@ -62,10 +64,11 @@ def test_the_first_difference_of_two_states_is_named():
         (Found(replace(SOUND, faults=["memory grows by 99 bytes a step"]), LEAKING, [], FITS), [0]),
         (Found(SOUND, LEAKING, [replace(SOUND, judged=Judged(Verdict.BROKEN, "x"))], FITS), [1]),
         (Found(SOUND, LEAKING, [replace(SOUND, faults=["the model collapsed (x)"])], FITS), [1]),
-        (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw resume: other"])], FITS), [2]),
-        (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw eval has x"])], FITS), [3]),
-        (Found(SOUND, LEAKING, [SOUND], replace(FITS, measured=9e9)), [4]),
-        (Found(SOUND, LEAKING, [SOUND], replace(FITS, measured=0.0)), [4]),
+        (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw resume: x differs"])], FITS), [2]),
+        (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw resume with avx2: x"])], FITS), [3]),
+        (Found(SOUND, LEAKING, [replace(SOUND, faults=["gsfw eval has x"])], FITS), [4]),
+        (Found(SOUND, LEAKING, [SOUND], replace(FITS, measured=9e9)), [5]),
+        (Found(SOUND, LEAKING, [SOUND], replace(FITS, measured=0.0)), [5]),
     ],
 )
 def test_each_promise_is_broken_by_what_breaks_it(found, broken):
@@ -87,6 +90,12 @@ def test_a_planted_leak_other_figures_and_other_bits_are_found(tmp_path):
     (fault,) = faults_of_evaluation(run, tmp_path)
     assert fault.startswith("gsfw eval has psnr=")
     shutil.rmtree(tmp_path / "again")
+    if other_instruction_set():
+        figures["psnr"] += 1.5
+        (run / "metrics.json").write_text(json.dumps(figures))
+        shutil.rmtree(tmp_path / f"again_{other_instruction_set()}")
+        (fault,) = faults_of_other_processor(run, 150, tmp_path)
+        assert "has PSNR" in fault
     middle = run / "checkpoints" / "step_000000120.pt"
     state = torch.load(middle, weights_only=True)
     name = next(iter(state["model"]))
