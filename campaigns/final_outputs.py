@@ -29,6 +29,8 @@ ONLY_THERE = re.compile(
 NUMBERED = re.compile(r"(.*tb/|.*work/log/)(.*/)?(events\.out\.tfevents|colmap-).*")
 """Event files of TensorBoard, and COLMAP's logs: a command that goes on has one more."""
 
+CHECKPOINT = re.compile(r"(.*checkpoints/)step_\d+\.pt$")
+
 
 def final_outputs(folder: Path) -> dict[str, Any]:
     """Content of each file below a folder, by its relative path.
@@ -49,8 +51,15 @@ def final_outputs(folder: Path) -> dict[str, Any]:
 
 
 def differences(expected: Mapping[str, Any], found: Mapping[str, Any]) -> Iterator[str]:
-    """Sentences on the files that differ."""
-    for name in sorted(expected.keys() | found.keys()):
+    """Sentences on the files that differ.
+
+    Of the checkpoints before the last one those that both have are compared: a stop writes one
+    between, and what ends a run may leave one that it was about to remove.
+    """
+    last = {folder[1]: name for name in sorted(expected) if (folder := CHECKPOINT.match(name))}
+    one_has = filter(CHECKPOINT.match, expected.keys() ^ found.keys())
+    earlier = {name for name in one_has if name < last.get(CHECKPOINT.sub(r"\1", name), "")}
+    for name in sorted((expected.keys() | found.keys()) - earlier):
         if name not in found:
             yield f"{name} is missing"
         elif name not in expected:

@@ -42,7 +42,6 @@ OWN_MACHINE = ("train_seconds", "environment")
 SMALL_FIELD = ("encoder=mlp", "mlp.width=16", "mlp.depth=2", "mlp.frequencies=2")
 FEW = ("random_points=300", "strategy.max_gaussians=600")
 FEW_MCMC = ("random_points=300", "strategy=mcmc", "strategy.cap_max=600")
-"""For a capture in which 300 splats are so large that ``adc`` lets them die."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +67,9 @@ class LongRun:
 
 
 LONG_RUNS = (
-    LongRun("captures/fox", "3dgs", ("downscale=20", "init=random", *FEW_MCMC)),
+    LongRun("captures/fox", "3dgs", ("downscale=20", "init=random", *FEW)),
     LongRun("synthetic/chair", "3dgs", ("downscale=10", *FEW)),
-    LongRun("dynamic/robot", "3dgs", ("downscale=10", "ignore_time=true", *FEW)),
+    LongRun("dynamic/robot", "3dgs", ("downscale=10", "ignore_time=true", *FEW_MCMC)),
     LongRun("dynamic/mujoco_texture", "3dgs", ("downscale=20", "ignore_time=true", *FEW)),
     LongRun("dynamic/robot", "spacetime", ("downscale=10", *FEW)),
     LongRun("dynamic/mujoco_texture", "spacetime", ("downscale=20", *FEW)),

@@ -140,9 +140,7 @@ class Loss:
             yield f"going on ends with exit code {ended.code}: {ended.error.strip()}"
             return
         for each in differences(self.outputs, final_outputs(self.run)):
-            # The removal of an earlier checkpoint may be lost, which costs nothing but its room.
-            is_kept = each.startswith("checkpoints/") and each.endswith("left behind")
-            if not each.startswith(WATCHED) and not is_kept:
+            if not each.startswith(WATCHED):
                 yield f"after going on, {each}"
 
 

@@ -71,9 +71,11 @@ class AdcConfig(StrategyConfig):
     prune_lifetime: float = number(0.0, at_least=0)
     """Rows that are there for less than this many of the capture's times are removed; 0: none."""
     prune_size: float = number(0.1, at_least=0)
-    """Rows above this deviation, in extents, are removed after the first reset; 0: none."""
+    """Rows above this deviation, in extents, are removed after the first reset, if most rows are
+    below it; 0: none."""
     prune_radius: float = number(0.0, at_least=0)
-    """Rows above this radius in pixels are removed after the first reset (papers: 20); 0: none."""
+    """Rows above this radius in pixels are removed after the first reset (papers: 20), if most rows
+    are below it; 0: none."""
     refine_start: int = steps_field(500, floor=100)
     """No refinement up to this step; before, most gradients are those of unsettled rows."""
     refine_stop: int = steps_field(15_000)
@@ -213,9 +215,9 @@ class AdaptiveDensityControl(DensityRefiner):
         if lifetimes is not None:
             kept &= lifetimes * self._num_times >= config.prune_lifetime
         if prunes_large and config.prune_size > 0:
-            kept &= model.sizes() <= config.prune_size * self._extent
+            kept &= _unless_most(model.sizes() > config.prune_size * self._extent)
         if prunes_large and config.prune_radius > 0:
-            kept &= radii <= config.prune_radius
+            kept &= _unless_most(radii > config.prune_radius)
         return kept
 
     def state_dict(self) -> dict[str, Any]:
@@ -226,3 +228,11 @@ class AdaptiveDensityControl(DensityRefiner):
         """Continue from ``state``."""
         super().load_state_dict(state)
         self._may_grow = state.get("may_grow", True)
+
+
+def _unless_most(large: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
+    """Rows to keep where some are large: all, if most are.
+
+    Such a model is coarse as a whole, as one of a few random splats is, and would be gone.
+    """
+    return ~large if 2 * int(large.sum()) <= len(large) else torch.ones_like(large)

@@ -165,6 +165,17 @@ def test_each_bad_end_after_a_signal_is_found(end, problem, tmp_path):
     assert list(signal_problems("train", good, tmp_path)) == []
 
 
+def test_of_earlier_checkpoints_only_those_that_both_have_are_compared():
+    second = {"a/checkpoints/step_020.pt": 0, "a/checkpoints/step_024.pt": 1}
+    first = {"a/checkpoints/step_018.pt": 0, "a/checkpoints/step_024.pt": 1}
+    assert not list(differences(first, second))
+    assert list(differences(first, {**second, "a/checkpoints/step_018.pt": 1}))
+    assert list(differences(first, {**second, "a/checkpoints/step_024.pt": 2}))
+    assert list(differences(first, {"a/checkpoints/step_018.pt": 0}))
+    assert list(differences(first, {**second, "a/checkpoints/step_030.pt": 1}))
+    assert list(differences(first, {**second, "b/checkpoints/step_018.pt": 1}))
+
+
 def test_differences_name_the_file_and_the_place(tmp_path):
     first = {"a.json": {"psnr": [1.0, 2.0]}, "b.ply": "1", "c": "1"}
     second = {"a.json": {"psnr": [1.0, 3.0]}, "b.ply": "1", ".c.part": "1"}

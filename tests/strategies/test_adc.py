@@ -146,6 +146,18 @@ def test_large_rows_are_pruned_after_the_first_reset(step, pruned):
     assert counts["pruned"] == pruned
 
 
+@pytest.mark.parametrize("size", [SMALL, 0.11 * EXTENT])
+def test_a_model_that_is_coarse_as_a_whole_keeps_its_large_rows(size):
+    """A few random splats fill the scene: all of them were removed at the first reset."""
+    model = gaussians(5)
+    set_rows(model, [0.5] * 5, [0.11 * EXTENT] * 2 + [size] + [SMALL] * 2)
+    adc = strategy(reset_every=20, prune_radius=20.0)
+    most = size > SMALL
+    radii = [21.0] * (2 + most) + [1.0] * (3 - most)
+    counts, _ = refined(adc, model, [LOW] * 5, step=29, radii=radii)
+    assert counts["pruned"] == (0 if most else 2)
+
+
 def test_large_rows_stay_once_a_budget_has_ended_growth():
     """They are the background, and nothing would fill the hole."""
     model = gaussians(4)
