@@ -12,8 +12,8 @@ from campaign import Campaign, Record, commit, machine
 from promises import write_page
 
 CAMPAIGNS: tuple[str, ...] = (
-    *("damaged_inputs", "interruptions", "failing_disks", "power_loss", "endurance"),
-    *("wild_training", "no_network", "processors"),
+    *("damaged_inputs", "interruptions", "failing_disks", "power_loss", "races"),
+    *("endurance", "wild_training", "no_network", "processors"),
 )
 """Modules with a ``CAMPAIGN``, in the order of the page."""
 

@@ -1,0 +1,157 @@
+"""Races: a command twice at once in one place, a random time apart, and what is left of it."""
+
+from __future__ import annotations
+
+import random
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from campaign import Campaign, Detail, Outcome, Promise
+from final_outputs import differences, final_outputs
+from forked_commands import Command, Ended, Server
+from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
+
+SHARES = {"train": 0.34, "resume": 0.2, "export": 0.24, "prepare": 0.14, "study": 0.08}
+"""Parts of the races for each verb."""
+AT_ONCE = 0.4
+"""Part of the races in which both start at once; the others start within the first one's time."""
+REFUSED = 2
+MOST_TRIES = 3
+"""Times that the command is given afterwards, until it ends with exit code 0."""
+
+
+@dataclass
+class Tally:
+    """Counts of a campaign, and what broke a promise."""
+
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """By verb and end."""
+    failures: list[str] = field(default_factory=list)
+
+
+class Races:
+    """Runs works twice at once."""
+
+    def __init__(self, servers: Sequence[Server], base: Path, seed: int) -> None:
+        """Race in one place.
+
+        Args:
+            servers: two, each of which runs a command at a time.
+            base: folder of the place, and of the ``inputs`` of ``make_inputs``.
+            seed: of the times.
+        """
+        self.servers, self.place, self.inputs = servers, base / "work", base / "inputs"
+        self.seed, self.random, self.tally = seed, random.Random(seed), Tally()
+        self._known: dict[Work, Undisturbed] = {}
+
+    def race(self, verb: str, number: int) -> None:
+        """Run a work of a verb twice at once, and once more."""
+        works = WORKS["train" if verb == "resume" else verb]
+        work = works[number % len(works)]
+        if work not in self._known:
+            self._known[work] = undisturbed(self.servers[0], work, self.place, self.inputs)
+        known, apart = self._known[work], 0.0
+        work.begin(self.place, self.inputs)
+        command = work.command(self.place, self.inputs)
+        if verb == "resume":
+            command = self._begun(work, command, known)
+        if self.random.random() > AT_ONCE:
+            apart = self.random.random() * known.ended.seconds
+        ends = self._both(command, apart)
+        self.tally.counts[verb, how(ends)] += 1
+        found = [*race_problems(ends), *self._after(work, known)]
+        self.tally.failures += [
+            f"{verb}, {work.name}, seed {self.seed}, {apart:.3f} s apart: {each}" for each in found
+        ]
+
+    def _begun(self, work: Work, command: Command, known: Undisturbed) -> Command:
+        """Kill a training in its second half; the command that goes on with it."""
+        seconds = known.ended.seconds * (0.5 + 0.4 * self.random.random())
+        killed = Command(command.words, command.folder, signals=((seconds, 9),))
+        self.servers[0].run(killed)
+        return work.going_on(self.place, self.inputs)
+
+    def _both(self, command: Command, apart: float) -> list[Ended]:
+        """The ends of a command that is run twice."""
+
+        def second() -> Ended:
+            time.sleep(apart)
+            return self.servers[1].run(command)
+
+        with ThreadPoolExecutor(2) as pool:
+            ends = pool.submit(self.servers[0].run, command), pool.submit(second)
+            return [end.result() for end in ends]
+
+    def _after(self, work: Work, known: Undisturbed) -> Iterator[str]:
+        """What is wrong with the place after both, and the way to go on."""
+        for _ in range(MOST_TRIES):
+            ended = self.servers[0].run(work.going_on(self.place, self.inputs))
+            if ended.code == 0:
+                break
+        if ended.code:
+            yield f"going on ends with exit code {ended.code}: {ended.error.strip()}"
+            return
+        yield from differences(known.outputs, final_outputs(self.place))
+
+
+def how(ends: Sequence[Ended]) -> str:
+    """The ends of two commands, in words."""
+    refused = sum(end.code == REFUSED for end in ends)
+    return ("both done", "one refused", "both refused")[refused]
+
+
+def race_problems(ends: Sequence[Ended]) -> Iterator[str]:
+    """What is wrong with the ends of two commands."""
+    for end in ends:
+        if end.hung:
+            yield "one hangs"
+        elif end.code not in (0, REFUSED):
+            yield f"exit code {end.code}: {end.complained[-300:]}"
+        elif end.code == REFUSED and not end.error:
+            yield "one is refused without a message"
+        if "Traceback" in end.complained:
+            yield f"one shows a traceback: {end.complained[-1500:]}"
+    if all(end.code == REFUSED for end in ends):
+        yield f"each is refused for the other: {ends[0].error.strip()}"
+
+
+def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
+    """Race ``size`` times; see ``Campaign.run``."""
+    with tempfile.TemporaryDirectory(prefix="gsfw-races-") as folder:
+        base = Path(folder)
+        with Server(base / "one") as one, Server(base / "two") as two:
+            make_inputs(one, base / "inputs")
+            races = Races((one, two), base, seed)
+            for verb, share in SHARES.items():
+                told = len(races.tally.failures)
+                for number in range(max(2, round(share * size))):
+                    races.race(verb, number)
+                for line in races.tally.failures[told:]:
+                    say(line)
+                say(f"{verb}: {sum(races.tally.counts.values())} races so far")
+    return outcome(races.tally)
+
+
+ENDS = ("both done", "one refused", "both refused")
+
+
+def outcome(tally: Tally) -> Outcome:
+    """The promise, with the counts."""
+    rows = [[verb, *(tally.counts[verb, end] for end in ENDS)] for verb in SHARES]
+    total = sum(tally.counts.values())
+    promise = Promise(
+        "Two commands at once in one place do not disturb each other.",
+        "A command twice, at once or a random time apart: each ends well or is refused with a "
+        "message, not both are refused, and then the outputs are the bits of an undisturbed one.",
+        f"{total} races of {', '.join(SHARES)}",
+        not tally.failures,
+    )
+    return Outcome([promise], [Detail("Ends by verb:", ("verb", *ENDS), rows)], tally.failures)
+
+
+CAMPAIGN = Campaign("races", "a command twice at once in one place", "races", 200, run)
