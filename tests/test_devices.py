@@ -14,6 +14,7 @@ from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.machine_memory import gpu_memory
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
@@ -84,6 +85,20 @@ def test_images_that_stay_and_images_that_pass_train_alike(tmp_path):
     passing = train(tmp_path / "passing", *settings, "gpu_cache_mb=0")
     staying = train(tmp_path / "staying", *settings)
     assert passing["psnr"] == pytest.approx(staying["psnr"], abs=SETTLED)
+
+
+def test_a_run_grows_by_the_memory_of_its_gpu(tmp_path, monkeypatch):
+    settings = ("steps=200", "strategy=adc", *REFINING, *ON_GPU)
+    free = train(tmp_path / "free", *settings)
+    memory = gpu_memory(torch.device("cuda"))
+    assert 0 < memory.own < memory.allowed
+    assert 0 < memory.free < memory.allowed
+    unwatched = train(tmp_path / "unwatched", *settings, "check_memory=false")
+    assert unwatched["psnr"] == pytest.approx(free["psnr"], abs=DRAWN["adc"])
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (10**8, 10**10))
+    short = train(tmp_path / "short", *settings)
+    assert short["num_gaussians"] <= 150 < free["num_gaussians"]
+    assert "growth slows down" in (tmp_path / "short" / "log.txt").read_text()
 
 
 def test_both_devices_draw_the_same_images(tmp_path):
