@@ -21,6 +21,7 @@ from long_runs import (
     MOST_GROWTH,
     SAME_QUALITY,
     Endured,
+    Kind,
     LongRun,
     endure,
     other_instruction_set,
@@ -89,37 +90,35 @@ def outcome(found: Found, size: int) -> Outcome:
             f"no more than {100 * MOST_GROWTH:.0f} % in all.",
             f"{found.clean.drift.per_step:.1f} bytes a step; a planted leak of 256 is measured as "
             f"{found.planted.drift.per_step:.1f}",
-            holds=not _has(everything, "memory grows")
+            holds=not _having(everything, Kind.MEMORY)
             and found.planted.drift.per_step > MOST_DRIFT,
         ),
         Promise(
             "Long trainings end with finite numbers and a model that shows something.",
             f"{size:,} steps, {methods} methods, {captures} captures at 1/10 to 1/32 of their "
             "size: every logged loss, the checkpoints, splats.ply, and the findings of the runs.",
-            f"{len(found.runs)} runs, {len(everything) - len(alike)} of which failed",
-            holds=len(alike) == len(everything)
-            and not _has(everything, "not finite")
-            and not _has(everything, "collapsed"),
+            f"{len(found.runs)} runs, {len(_having(everything, Kind.RESULT))} of which failed",
+            holds=not _having(everything, Kind.RESULT),
         ),
         Promise(
             "A run that goes on from a checkpoint ends with the same bits.",
             "Each run again from its last checkpoint but one: model, moments, generators, all "
             "other state.",
-            f"{len(alike)} runs, {len(_having(everything, ' differs'))} with a difference",
-            holds=not _has(everything, " differs") and not _has(everything, "exit code"),
+            f"{len(alike)} runs, {len(_having(everything, Kind.RESUME))} with a difference",
+            holds=not _having(everything, Kind.RESUME),
         ),
         Promise(
             "A run goes on with another instruction set, says so, and ends as well.",
             f"The same checkpoint, with the kernels of {other_instruction_set() or 'none'}: the "
             f"warning, finite numbers, PSNR within {SAME_QUALITY:g} dB.",
-            f"{len(alike)} runs, {len(_having(everything, ' with '))} with a fault",
-            holds=not _has(everything, " with ") and bool(other_instruction_set()),
+            f"{len(alike)} runs, {len(_having(everything, Kind.PROCESSOR))} with a fault",
+            holds=not _having(everything, Kind.PROCESSOR) and bool(other_instruction_set()),
         ),
         Promise(
             "gsfw eval has the figures that the run has logged.",
             "PSNR and SSIM of every run, compared bit by bit.",
-            f"{len(alike)} runs, {len(_having(everything, 'eval'))} with a difference",
-            holds=not _has(everything, "eval"),
+            f"{len(alike)} runs, {len(_having(everything, Kind.EVALUATION))} with a difference",
+            holds=not _having(everything, Kind.EVALUATION),
         ),
         Promise(
             "A training takes the memory that was estimated before it.",
@@ -133,12 +132,9 @@ def outcome(found: Found, size: int) -> Outcome:
     return Outcome(promises, [Detail(title, COLUMNS, rows)], failures)
 
 
-def _having(runs: Sequence[Endured], words: str) -> list[Endured]:
-    return [each for each in runs if any(words in fault for fault in each.faults)]
-
-
-def _has(runs: Sequence[Endured], words: str) -> bool:
-    return bool(_having(runs, words))
+def _having(runs: Sequence[Endured], kind: Kind) -> list[Endured]:
+    """The runs with a fault of a kind."""
+    return [each for each in runs if any(fault.kind is kind for fault in each.faults)]
 
 
 CAMPAIGN = Campaign(

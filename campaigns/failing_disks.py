@@ -279,7 +279,8 @@ def outcome(disks: Disks) -> Outcome:
             Promise(
                 "A disk that fails ends a command in one sentence, or does not end it.",
                 "An error of a random open, write, rename, fsync, ftruncate, close, mmap, unlink "
-                "or mkdir, once or from then on, short writes, full and lost file systems.",
+                "or mkdir, once or from then on, short writes, full and lost file systems. A study "
+                "tells of runs that failed, and ends with exit code 1.",
                 f"{total} faults: {ends}",
                 holds("traceback", "hangs", "no message", "not one", "exit code 1", "exit code -"),
             ),

@@ -6,7 +6,7 @@ import csv
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +53,19 @@ def final_outputs(folder: Path) -> dict[str, Any]:
 def differences(expected: Mapping[str, Any], found: Mapping[str, Any]) -> Iterator[str]:
     """Sentences on the files that differ.
 
-    Of the checkpoints before the last one those that both have are compared: a stop writes one
-    between, and what ends a run may leave one that it was about to remove.
+    A run that was stopped may have another checkpoint in place of one before the last, and one
+    more: a kill may come before an old one is removed.
     """
     last = {folder[1]: name for name in sorted(expected) if (folder := CHECKPOINT.match(name))}
-    one_has = filter(CHECKPOINT.match, expected.keys() ^ found.keys())
-    earlier = {name for name in one_has if name < last.get(CHECKPOINT.sub(r"\1", name), "")}
-    for name in sorted((expected.keys() | found.keys()) - earlier):
+
+    def earlier(names: Iterable[str], others: Container[str]) -> list[str]:
+        """Checkpoints before the last one of their folder, which others lack."""
+        numbered = [name for name in names if name not in others and CHECKPOINT.match(name)]
+        return [name for name in numbered if name < last.get(CHECKPOINT.sub(r"\1", name), "")]
+
+    more, fewer = earlier(found, expected), earlier(expected, found)
+    ignored = {*more, *fewer[: len(more)]}
+    for name in sorted((expected.keys() | found.keys()) - ignored):
         if name not in found:
             yield f"{name} is missing"
         elif name not in expected:

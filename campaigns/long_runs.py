@@ -6,6 +6,8 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
+from itertools import chain
 from pathlib import Path
 
 import torch
@@ -79,6 +81,27 @@ LONG_RUNS = (
 """Four captures and three methods where they apply, so small that 30,000 steps take minutes."""
 
 
+class Kind(Enum):
+    """The promises that a fault of a long run breaks."""
+
+    MEMORY = "memory"
+    RESULT = "result"
+    RESUME = "resume"
+    PROCESSOR = "processor"
+    EVALUATION = "evaluation"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of a long run."""
+
+    kind: Kind
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
 @dataclass(frozen=True)
 class Endured:
     """A long run, and all that was found wrong with it."""
@@ -86,7 +109,7 @@ class Endured:
     run: LongRun
     judged: Judged
     drift: Drift
-    faults: Sequence[str]
+    faults: Sequence[Fault]
 
     @property
     def row(self) -> list[str | int | float]:
@@ -101,7 +124,7 @@ class Endured:
             round(self.drift.low / 1e6, 1),
             round(self.drift.high / 1e6, 1),
             round(self.drift.per_step, 1),
-            "; ".join(self.faults) or "none",
+            "; ".join(map(str, self.faults)) or "none",
         ]
 
 
@@ -125,16 +148,16 @@ def endure(run: LongRun, steps: int, seed: int, folder: Path, extra: Sequence[st
     ended = run_verb([*run.arguments(steps, seed, out), *extra], folder, SLOWEST * steps, TRACE)
     judged = judge(ended, out)
     if judged.verdict is not Verdict.SURVIVED:
-        return Endured(run, judged, Drift(0.0, 0.0, 0.0), [judged.reason])
+        return Endured(run, judged, Drift(0.0, 0.0, 0.0), [Fault(Kind.RESULT, judged.reason)])
     moved = drift(read_trace(out))
-    faults = [
-        *_faults_of_memory(moved),
-        *_faults_of_log(out),
-        *_faults_of_model(out),
-        *faults_of_evaluation(out, folder),
-    ]
-    faults += faults_of_resume(out, steps, folder)
-    faults += faults_of_other_processor(out, steps, folder)
+    found = {
+        Kind.MEMORY: _faults_of_memory(moved),
+        Kind.RESULT: chain(_faults_of_log(out), _faults_of_model(out)),
+        Kind.EVALUATION: faults_of_evaluation(out, folder),
+        Kind.RESUME: faults_of_resume(out, steps, folder),
+        Kind.PROCESSOR: faults_of_other_processor(out, steps, folder),
+    }
+    faults = [Fault(kind, text) for kind, texts in found.items() for text in texts]
     return Endured(run, judged, moved, faults)
 
 

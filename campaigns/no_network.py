@@ -182,7 +182,8 @@ def _outcome(seen: Sequence[tuple[Sequence[str], list[str], Watched]]) -> Outcom
                 not unable,
             ),
             Promise(
-                "No verb reaches for another machine, nor asks for its name, unasked.",
+                "No verb reaches for another machine, nor asks for its name, unless an address is "
+                "given or executor=ray.",
                 f"The same uses under {witness}; Ray's own processes are listed below.",
                 f"{len(reached)} hosts beyond loopback in {count}",
                 not reached,

@@ -172,7 +172,7 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
     return Outcome(
         [
             Promise(
-                "Results hold with every instruction set, and every variant of torch and the C "
+                "Results hold with every x86 instruction set, and every variant of torch and the C "
                 "library.",
                 "The catalogue of extremes, in float32 and float64, forward and backward, against "
                 "the reference. One machine plays several processors, by variables; another "

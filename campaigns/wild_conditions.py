@@ -162,7 +162,7 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition("a point of NaN", _points(lambda p: np.where(p < p.max(), p, np.nan))),
     Condition("points 1e6 times as far as the cameras", _points(lambda points: points * 1e6)),
     Condition("one view", lambda capture, _: capture.first(1)),
-    Condition("two views", lambda capture, _: capture.first(2)),
+    Condition("two views, of one time", lambda capture, _: capture.first(2)),
     Condition("a step of more views than there are", settings=("sampler.views_per_step=64",)),
     *(Condition(f"a world {factor:g} as large", _scaled(factor)) for factor in (1e-6, 1e6)),
     *(Condition(f"a world {factor:g} as large", _scaled(factor)) for factor in (1e-30, 1e30)),

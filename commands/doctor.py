@@ -12,6 +12,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from packaging.version import Version
+
 from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.commands.interface.console import Console
 from gsfw.core.machine_memory import memory_limits
@@ -22,6 +24,8 @@ from gsfw.plugins.specs import PROJECT
 if TYPE_CHECKING:
     from gsfw.core.capabilities import Capabilities
 
+SAFE_CHECKPOINTS = Version("2.10")
+"""First torch whose ``weights_only=True`` no known file gets around (GHSA-63cw-57p8-fm3p)."""
 LIBRARIES = ("matplotlib", "numpy", "PIL", "pycolmap", "scipy", "tensorboard", "yaml")
 """Libraries that training imports."""
 
@@ -75,6 +79,12 @@ def _versions() -> Iterator[Finding]:
         yield Finding("torch", "broken", f"{error}; pip install torch")
         return
     yield Finding("torch", "ok", f"{torch.__version__}, {torch.get_num_threads()} threads")
+    if Version(torch.__version__) < SAFE_CHECKPOINTS:
+        yield Finding(
+            "checkpoints of others", "missing",
+            f"a safe way to read them: with torch before {SAFE_CHECKPOINTS}, a made-up checkpoint "
+            "can corrupt memory (CVE-2026-24747). Update torch, or open your own runs alone.",
+        )  # fmt: skip
     count = torch.cuda.device_count()
     names = ", ".join(torch.cuda.get_device_name(index) for index in range(count))
     yield Finding("GPUs", "ok", names or "torch sees none")

@@ -56,15 +56,23 @@ class MachineMemory:
     swap: int = 0
     """On disk, beyond that: a process that needs it goes on, many times slower."""
     limit: Limit = Limit.MACHINE
+    processes: int = 1
+    """Processes that grow alike: ``free`` and ``swap`` are the part of one of them."""
 
     @property
     def room(self) -> int:
         """Memory that this process may have in all."""
         return self.free + self.own
 
+    @property
+    def fair(self) -> float:
+        """The part of one process in what is allowed to all, in bytes."""
+        return self.allowed / self.processes
+
     def shared_by(self, processes: int) -> MachineMemory:
         """The memory of one of several processes that grow alike."""
-        return replace(self, free=self.free // processes, swap=self.swap // processes)
+        free, swap = self.free // processes, self.swap // processes
+        return replace(self, free=free, swap=swap, processes=processes)
 
     def __str__(self) -> str:
         """The limit, and what others leave of it: "this machine has 8.0 GB, of which ..."."""
@@ -84,7 +92,7 @@ def process_memory() -> MachineMemory | None:
 
 
 def gpu_memory(device: torch.device) -> MachineMemory:
-    """The memory of a GPU; what torch keeps of it for later tensors counts as free.
+    """The memory of a GPU; memory that torch keeps for later tensors counts as free.
 
     Args:
         device: a CUDA device.

@@ -118,7 +118,7 @@ class MemoryFit:
     def rows_need(self, gaussians: int, row: RowMemory) -> float:
         """Bytes that so many Gaussians take where they are, with all else that is there.
 
-        On a GPU these are their own alone; what rasterizers keep besides is not estimated.
+        On a GPU these are their own alone, without the memory of rasterizers.
         """
         if self.device.type == "cuda":
             return gaussians * self._share(row).peak
@@ -155,7 +155,8 @@ class MemoryFit:
         count = len(scene.points) if initial is None else len(initial)
         if initial is None and self.settings.config.init == "random":
             count = 0
-        if not self._is_too_much(self.need(count, self.row())):
+        is_on_gpu = self.device.type == "cuda"
+        if not (is_on_gpu or self._is_too_much(self.need(count, self.row()))):
             return
         if not count:
             self._check(0, self.row())
@@ -206,9 +207,11 @@ class MemoryFit:
         Raises:
             NotEnoughMemoryError: they do not.
         """
-        memory, kept = self.rows_memory, gaussians * self._share(row).kept
         checks = self.is_new and self.settings.config.check_memory
-        if not checks or memory is None or memory.limit is not Limit.GPU or kept <= memory.room:
+        if not checks or self.device.type != "cuda":
+            return
+        memory, kept = gpu_memory(self.device), gaussians * self._share(row).kept
+        if kept <= memory.room:
             return
         raise NotEnoughMemoryError(
             f"training needs {size(kept)} of GPU memory and more for {gaussians:,} Gaussians to "

@@ -215,9 +215,9 @@ class AdaptiveDensityControl(DensityRefiner):
         if lifetimes is not None:
             kept &= lifetimes * self._num_times >= config.prune_lifetime
         if prunes_large and config.prune_size > 0:
-            kept &= _unless_most(model.sizes() > config.prune_size * self._extent)
+            kept = _without(kept, model.sizes() > config.prune_size * self._extent)
         if prunes_large and config.prune_radius > 0:
-            kept &= _unless_most(radii > config.prune_radius)
+            kept = _without(kept, radii > config.prune_radius)
         return kept
 
     def state_dict(self) -> dict[str, Any]:
@@ -230,9 +230,10 @@ class AdaptiveDensityControl(DensityRefiner):
         self._may_grow = state.get("may_grow", True)
 
 
-def _unless_most(large: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
-    """Rows to keep where some are large: all, if most are.
+def _without(kept: Bool[Tensor, " n"], large: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
+    """The kept rows without large ones; all of them if most are large.
 
     Such a model is coarse as a whole, as one of a few random splats is, and would be gone.
     """
-    return ~large if 2 * int(large.sum()) <= len(large) else torch.ones_like(large)
+    rest = kept & ~large
+    return rest if 2 * int(rest.sum()) >= int(kept.sum()) else kept

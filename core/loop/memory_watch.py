@@ -61,6 +61,7 @@ class MemoryWatch:
         """
         self._is_on, self._device, self._read = is_on, device, read
         self._every = EVERY if device.type == "cpu" else GPU_EVERY
+        self._looked = -1
         self._limits = GrowthLimits()
         self._told: set[str] = set()
 
@@ -70,7 +71,9 @@ class MemoryWatch:
         Raises:
             NotEnoughMemoryError: hardly any main memory is free; a checkpoint is written.
         """
-        if self._is_on and trainer.step % self._every == 0:
+        # A run may begin at any step, and one call may stand for several steps.
+        if self._is_on and trainer.step // self._every != self._looked:
+            self._looked = trainer.step // self._every
             looks = trainer.parts.team.gathered(self._look(trainer))
             known = [look for look in looks if look is not None]
             least = min(known, key=lambda look: (not look.is_full, look.new_rows), default=None)
@@ -80,18 +83,22 @@ class MemoryWatch:
     def _look(self, trainer: Trainer) -> _Look | None:
         """Read the memory of this process, and drop its images if little is free."""
         memory = self._read()
-        if memory is None or memory.own <= 0:  # Only Linux tells what the process has.
-            return None
-        free = memory.free + memory.swap
-        if free < _tight(memory):
-            free += trainer.parts.data.drop_images()
-            release_freed_memory()
-            self._tell(trainer.step, memory, "fewer decoded images are kept (cache_mb)")
-        if free < FULL * memory.allowed:
-            return _Look(memory, 0, is_full=True)
+        free = 0.0
+        if memory is not None and memory.own <= 0:  # Only Linux tells what the process has.
+            memory = None
+        if memory is not None:
+            free = memory.free + memory.swap
+            if free < _tight(memory):
+                free += trainer.parts.data.drop_images()
+                release_freed_memory()
+                self._tell(trainer, memory, "fewer decoded images are kept (cache_mb)")
+            if free < FULL * memory.fair:
+                return _Look(memory, 0, is_full=True)
         if self._device.type == "cuda":
             memory = gpu_memory(self._device)
             free = memory.free
+        if memory is None:
+            return None
         model, whole = trainer.parts.model, trainer.parts.refined
         room = max(free - _tight(memory), 0.0)
         own_rows = int(room / max(GROWN * model_row_memory(model).peak, 1.0))
@@ -101,30 +108,30 @@ class MemoryWatch:
         """The limit of growth by the look of the process that has least room."""
         if look.is_full:
             full = main_memory_full(trainer, look.memory)
-            if trainer.parts.team.leads:  # The others end with it.
+            if trainer.parts.team.leads:
                 raise full
+            trainer.parts.team.gathered(None)  # Until the first process has ended.
         rows = trainer.parts.refined.num_rows
         if look.new_rows >= rows:
             return GrowthLimits()
-        if look.new_rows < USUAL_GROWTH * rows:
-            measure = "growth slows down, and ends where memory does"
-            self._tell(trainer.step, look.memory, measure)
+        if look.new_rows < USUAL_GROWTH * rows and trainer.parts.team.leads:
+            self._tell(trainer, look.memory, "growth slows down, and ends where memory does")
         return GrowthLimits(max_rows=rows + look.new_rows)
 
-    def _tell(self, step: int, memory: MachineMemory, measure: str) -> None:
+    def _tell(self, trainer: Trainer, memory: MachineMemory, measure: str) -> None:
         """Say once what is done."""
         if measure not in self._told:
             self._told.add(measure)
             left = size(memory.free + memory.swap)
             logger.warning(
                 "step %d: memory runs short (%s are free, and %s): %s. check_memory=false trains "
-                "without such limits.", step, left, memory, measure,
+                "without such limits.", trainer.step, left, memory, measure,
             )  # fmt: skip
 
 
 def _tight(memory: MachineMemory) -> float:
     """Free memory below which no row is added; in bytes."""
-    return max(TIGHT * memory.allowed, END_BYTES)
+    return max(TIGHT * memory.fair, END_BYTES)
 
 
 @dataclass(frozen=True)
@@ -132,7 +139,7 @@ class _Look:
     """What one process has seen."""
 
     memory: MachineMemory
-    """Of the rows, or main memory if that is full."""
+    """The memory of the rows, or main memory if that is full."""
     new_rows: int
     """Rows that the whole model may gain, where each process has its part of them or all."""
     is_full: bool = False

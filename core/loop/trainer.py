@@ -356,7 +356,7 @@ class Trainer:
             together: true if all processes of the team do so between the same two steps.
         """
         is_whole = (together or self.parts.team.size == 1) and not self._updates.is_underway
-        if is_whole and self.folder.latest_checkpoint() != self.folder.checkpoint(self.step):
+        if is_whole and self._checkpointed != self.walk.updates:
             self._checkpoint()
 
     def state_dict(self) -> dict[str, Any]:

@@ -169,6 +169,8 @@ def test_of_earlier_checkpoints_only_those_that_both_have_are_compared():
     second = {"a/checkpoints/step_020.pt": 0, "a/checkpoints/step_024.pt": 1}
     first = {"a/checkpoints/step_018.pt": 0, "a/checkpoints/step_024.pt": 1}
     assert not list(differences(first, second))
+    assert not list(differences(first, {**first, **second}))
+    assert list(differences(first, {"a/checkpoints/step_024.pt": 1}))
     assert list(differences(first, {**second, "a/checkpoints/step_018.pt": 1}))
     assert list(differences(first, {**second, "a/checkpoints/step_024.pt": 2}))
     assert list(differences(first, {"a/checkpoints/step_018.pt": 0}))

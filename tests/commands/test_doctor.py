@@ -4,6 +4,7 @@ import json
 from types import SimpleNamespace
 
 import pytest
+import torch
 from support.fake_parts import registry_of
 
 from gsfw.commands import doctor
@@ -28,6 +29,15 @@ def test_what_is_installed_works_here(capsys):
     assert found["torch"][0] == found["python"][0] == "ok"
     assert found["rasterizer reference"][0] == "ok"
     assert "cpu" in found["rasterizer reference"][1]
+
+
+@pytest.mark.parametrize(("version", "is_told"), [("2.9.1+cu128", True), ("2.10.0", False)])
+def test_a_torch_that_reads_no_checkpoint_of_others_safely_is_told(
+    capsys, monkeypatch, version, is_told
+):
+    monkeypatch.setattr(torch, "__version__", version)
+    assert main(["doctor", "json=true"]) == 0
+    assert ("checkpoints of others" in findings(capsys)) == is_told
 
 
 def test_people_get_a_table_and_a_verdict(capsys):

@@ -68,8 +68,8 @@ def test_in_a_real_control_group_a_growing_run_ends_in_words_where_it_would_be_k
         *("strategy.max_gaussians=0", "datamanager.points=20000", "eval_every=0"),
     )
 
-    def train(name: str, *more: str) -> subprocess.CompletedProcess:
-        with memory_limit(600) as limit:
+    def train(name: str, *more: str, megabytes: int = 600) -> subprocess.CompletedProcess:
+        with memory_limit(megabytes) as limit:
             if "control group" not in limit.name:
                 pytest.skip("no control group can be made here")
             return subprocess.run(
@@ -83,3 +83,6 @@ def test_in_a_real_control_group_a_growing_run_ends_in_words_where_it_would_be_k
     assert watched.returncode in (0, 2), watched.stderr  # Trained, or ended with a checkpoint.
     assert watched.returncode == 0 or "is kept: gsfw resume" in watched.stderr
     assert train("unwatched", "check_memory=false").returncode == -signal.SIGKILL
+    both = train("both", "sampler.views_per_step=2", "processes=2", megabytes=1400)
+    assert both.stderr.count("growth slows down") == 1
+    assert both.returncode in (0, 2), both.stderr

@@ -127,4 +127,5 @@ def test_a_system_that_tells_nothing_has_no_known_limit(system, monkeypatch):
 
 def test_processes_share_what_is_free_and_keep_what_they_have():
     half = MachineMemory(8 * GB, free=6 * GB, own=GB, swap=GB).shared_by(2)
-    assert half == MachineMemory(8 * GB, free=3 * GB, own=GB, swap=GB // 2)
+    assert half.fair == 4 * GB
+    assert half == MachineMemory(8 * GB, free=3 * GB, own=GB, swap=GB // 2, processes=2)

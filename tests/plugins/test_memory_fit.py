@@ -180,16 +180,30 @@ def test_gaussians_on_a_gpu_take_its_memory_and_no_main_memory(gpu):
 
 
 def test_gaussians_that_no_gpu_memory_holds_are_refused_before_they_are_made(gpu):
+    class Counted:
+        """A scene of as many points, of which a model of a few is built."""
+
+        def __init__(self, points: int) -> None:
+            self.scene, self.built = replace(fit.data.scene, points=torch.rand(points, 3)), []
+            self.scene = replace(self.scene, point_colors=self.scene.points)
+
+        def build_model(self, scene, operators, generator, initial):
+            self.built.append(len(scene.points))
+            method = settings(*SMALL_SCENE).config.build()
+            return method.build_model(scene, operators, generator, initial)
+
     fit = fit_of(device="cuda")
-    fit._check_gpu(700_000, USUAL_ROW)
+    fits, large = Counted(700_000), Counted(800_000)
+    fit.check_start(fits, fits.scene, None)
     with pytest.raises(NotEnoughMemoryError) as caught:
-        fit._check_gpu(800_000, USUAL_ROW)
+        fit.check_start(large, large.scene, None)
+    assert fits.built == large.built == [500]
     assert caught.value.message == (
         "training needs 755 MB of GPU memory and more for 800,000 Gaussians to start with, and "
         "its GPU has 1.0 GB, of which 700 MB are left."
     )
     assert "init=dense dense_points=510000" in caught.value.advice
-    fit_of("check_memory=false", device="cuda")._check_gpu(800_000, USUAL_ROW)
+    fit_of("check_memory=false", device="cuda").check_start(large, large.scene, None)
 
 
 def test_growth_beyond_the_memory_of_a_gpu_is_noted(gpu):

@@ -158,6 +158,13 @@ def test_a_model_that_is_coarse_as_a_whole_keeps_its_large_rows(size):
     assert counts["pruned"] == (0 if most else 2)
 
 
+def test_large_rows_stay_where_all_others_are_transparent():
+    model = gaussians(10)
+    set_rows(model, [0.5] * 4 + [0.001] * 6, [0.11 * EXTENT] * 4 + [SMALL] * 6)
+    counts, _ = refined(strategy(reset_every=20), model, [LOW] * 10, step=29)
+    assert counts["pruned"] == 6
+
+
 def test_large_rows_stay_once_a_budget_has_ended_growth():
     """They are the background, and nothing would fill the hole."""
     model = gaussians(4)

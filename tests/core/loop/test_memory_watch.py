@@ -70,6 +70,22 @@ def test_a_model_grows_without_a_limit_while_it_may_double(tmp_path):
     assert most(0.5) == rows
 
 
+def test_one_of_many_processes_has_its_part_of_the_memory(tmp_path):
+    made = run(tmp_path / "a")
+    part = MachineMemory(10**12, 9 * 10**11, 10**9).shared_by(40)
+    assert MemoryWatch(True, CPU, lambda: part).limits(made).max_rows is None
+    assert made.parts.data.drops == 0
+
+
+def test_a_run_looks_at_its_first_step_and_once_in_ten(tmp_path):
+    made, memory = run(tmp_path / "a"), Memory(0.6)
+    watch = MemoryWatch(True, CPU, memory)
+    for step in (7, 8, 9, 11, 19, 19, 33, 47):
+        made.step = step
+        watch.limits(made)
+    assert memory.looks == -4
+
+
 def test_what_a_run_needs_at_its_end_is_not_for_rows(tmp_path):
     made = run(tmp_path / "a")
     short = MachineMemory(5 * 10**8, 11 * 10**7, 2 * 10**8)
