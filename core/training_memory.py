@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.model import PrimitiveModel
 
+CERTAIN = 0.85
+"""Part of the estimate that a run takes at least: it was 0.88 to 1.10 of it where it was measured
+(docs/guides/large-scenes.md). Only a run that needs more than there is even then is refused."""
 BASE_BYTES = 292e6
 """Memory of a training process without Gaussians and images."""
 COPIES = 4
@@ -43,6 +46,11 @@ class RowMemory:
     """Besides these, while parameters are updated."""
     rendered: float
     """Besides these, while the views of a step are rendered."""
+
+    @property
+    def first(self) -> float:
+        """The part of ``peak`` that the first step takes: all but the values of the columns."""
+        return self.peak - self.kept / COPIES
 
     @property
     def peak(self) -> float:

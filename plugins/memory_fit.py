@@ -20,6 +20,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.training_memory import (
     BASE_BYTES,
+    CERTAIN,
     PIXEL_BYTES,
     USUAL_ROW,
     RowMemory,
@@ -30,9 +31,6 @@ from gsfw.core.training_memory import (
 from gsfw.core.words import size
 from gsfw.plugins.settings import Settings
 
-CERTAIN = 0.85
-"""Part of the estimate that a run takes at least: it was 0.88 to 1.10 of it where it was measured
-(docs/guides/large-scenes.md). Only a run that needs more than there is even then is refused."""
 CACHE_SHARE = 0.25
 """Part of the memory for decoded images at most, where the user gives no number."""
 LEAST_CACHE_MB = 100

@@ -18,7 +18,7 @@ from gsfw.core.loop.full_memory import main_memory_full
 from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.machine_memory import MachineMemory, gpu_memory, process_memory
 from gsfw.core.refiner import GrowthLimits
-from gsfw.core.training_memory import model_row_memory
+from gsfw.core.training_memory import CERTAIN, model_row_memory
 from gsfw.core.words import size
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class MemoryWatch:
                 free += trainer.parts.data.drop_images()
                 release_freed_memory()
                 self._tell(trainer, memory, "fewer decoded images are kept (cache_mb)")
-            if free < FULL * memory.fair:
+            if free < FULL * memory.fair + self._coming(trainer):
                 return _Look(memory, 0, is_full=True)
         if self._device.type == "cuda":
             memory = gpu_memory(self._device)
@@ -103,6 +103,13 @@ class MemoryWatch:
         room = max(free - _tight(memory), 0.0)
         own_rows = int(room / max(GROWN * model_row_memory(model).peak, 1.0))
         return _Look(memory, own_rows * whole.num_rows // max(model.num_rows, 1))
+
+    def _coming(self, trainer: Trainer) -> float:
+        """Bytes of gradients and moments that the first step of a run takes in main memory."""
+        if trainer.step or self._device.type != "cpu":
+            return 0.0
+        model = trainer.parts.model
+        return CERTAIN * model.num_rows * model_row_memory(model).first
 
     def _limited(self, trainer: Trainer, look: _Look) -> GrowthLimits:
         """The limit of growth by the look of the process that has least room."""

@@ -17,6 +17,7 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.training_memory import (
     BASE_BYTES,
+    CERTAIN,
     COPIES,
     SHARED_RENDER,
     START_BYTES,
@@ -28,7 +29,6 @@ from gsfw.core.training_memory import (
     row_memory,
 )
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
-from gsfw.plugins.memory_fit import CERTAIN
 
 
 class Model(PrimitiveModel):

@@ -102,6 +102,17 @@ def test_growth_ends_where_no_row_fits_and_the_run_goes_on(tmp_path, strategy, c
     assert made.parts.data.drops == 0
 
 
+def test_a_run_whose_first_step_does_not_fit_ends_before_it(tmp_path):
+    made = run(tmp_path / "a")
+    model = made.parts.model
+    first = model.num_rows * model_row_memory(model).first
+    memory = Memory(0.03 + 0.84 * first / ALLOWED)
+    with pytest.raises(NotEnoughMemoryError, match="memory is full after 0 steps, with 100 Gauss"):
+        MemoryWatch(True, CPU, memory).limits(made)
+    made.step = 10  # Its gradients are there.
+    assert MemoryWatch(True, CPU, memory).limits(made).max_rows == 100
+
+
 def test_images_are_dropped_before_the_run_ends(tmp_path, caplog):
     made = run(tmp_path / "a", Memory(0.05, own=0.9))
     made.fit()
@@ -111,7 +122,7 @@ def test_images_are_dropped_before_the_run_ends(tmp_path, caplog):
 
 def test_images_that_make_room_keep_a_run_alive(tmp_path):
     made = run(tmp_path / "a", Memory(0.01, own=0.95))
-    made.parts.data.freed = ALLOWED // 50
+    made.parts.data.freed = ALLOWED // 40
     assert made.fit()["completed"]
 
 
