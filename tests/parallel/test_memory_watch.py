@@ -59,6 +59,7 @@ def test_all_processes_have_the_limit_of_the_one_with_least_room(tmp_path, divid
         assert limits == [rows, rows]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("divided", [in_data_parallel, in_shards])
 def test_enough_memory_changes_no_bit(tmp_path, divided):
     for name, memory in (("bare", None), ("watched", ENOUGH)):
