@@ -67,6 +67,12 @@ def _lines(
     records: Sequence[Record], found: Sequence[Defect], kept: Sequence[Kept]
 ) -> Iterator[str]:
     yield INTRODUCTION
+    promises = [each for record in records for each in record.promises]
+    yield (
+        f"{sum(each.holds for each in promises)} of {len(promises)} promises held when they were "
+        f"last tried. Campaigns have found {len(found)} defects, which are mended; each is listed "
+        "below with its test.\n"
+    )
     yield from _table(
         ("Promise", "How it is tried", "Figure", "Holds", "Date"),
         [

@@ -41,6 +41,8 @@ def test_the_page_shows_promises_figures_failures_and_defects(record):
     text = page([record], [mended, Defect("other", "Not here.", "tests/c.py::test_d")])
     assert "| A file ends in words. | 12,000 files. | 0 crashes | yes | 2026-11-27 |" in text
     assert "| 1 hang | **no** |" in text
+    assert "1 of 2 promises held when they were last tried" in text
+    assert "found 2 defects" in text
     assert "| ply \\| points | 12,000 |" in text
     assert "* ply, seed 7: it goes on for more than 10 s" in text
     assert "* A count of a PLY was trusted. (`tests/a.py::test_b`)" in text
