@@ -72,7 +72,11 @@ LONG_RUNS = (
     LongRun("captures/fox", "3dgs", ("downscale=20", "init=random", *FEW)),
     LongRun("synthetic/chair", "3dgs", ("downscale=10", *FEW)),
     LongRun("dynamic/robot", "3dgs", ("downscale=10", "ignore_time=true", *FEW_MCMC)),
-    LongRun("dynamic/mujoco_texture", "3dgs", ("downscale=20", "ignore_time=true", *FEW)),
+    LongRun(
+        "dynamic/mujoco_texture",
+        "3dgs",
+        ("downscale=20", "ignore_time=true", "random_background=true", *FEW),
+    ),
     LongRun("dynamic/robot", "spacetime", ("downscale=10", *FEW)),
     LongRun("dynamic/mujoco_texture", "spacetime", ("downscale=20", *FEW)),
     LongRun("dynamic/robot", "4dgs", ("downscale=16", *FEW, *SMALL_FIELD)),

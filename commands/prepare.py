@@ -289,12 +289,13 @@ def _prepare(
     """Compute cameras; return the document."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.core.progress import shown_by
-    from gsfw.preparation.native import log_into
+    from gsfw.preparation.native import aborts_told, log_into
     from gsfw.preparation.preparation import Preparation
     from gsfw.preparation.report import document_of_preparation
 
     log_into(place.log)
-    with _machines(options) as machines, shown_by(StageBars(console).stage):
+    progress = shown_by(StageBars(console).stage)
+    with aborts_told(place.path), _machines(options) as machines, progress:
         rule = replace(rule, machines=machines)
         prepared = Preparation(inputs, place, rule, console.say).run()
     examined = examine(place.path) if prepared.written else None

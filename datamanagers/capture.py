@@ -88,9 +88,9 @@ class Capture(DataManager):
         self._check_members(recording)
         timeline = Timeline.of(self._frames, recording.unused_times)
         train = self._members[Split.TRAIN]
-        scene_from_world, extent = scene_frame(
-            torch.stack([self._frames[i].world_to_camera for i in train]), recording.points
-        )
+        poses = torch.stack([frame.world_to_camera for frame in self._frames])
+        held_out = poses[self._members[Split.EVAL]]
+        scene_from_world, extent = scene_frame(poses[train], recording.points, held_out)
         cameras = [
             self._camera(i, request.downscale, scene_from_world, timeline)
             for i in range(len(self._frames))

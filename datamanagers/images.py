@@ -16,6 +16,7 @@ from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import Base
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.core.files.mirror import held
 from gsfw.datamanagers.area import (
     shrink,
@@ -249,7 +250,11 @@ def _opened(
     path: Path, formats: tuple[str, ...] = FORMATS, whole: bool = True
 ) -> Iterator[Image.Image]:
     try:
-        with held(path, whole), Image.open(path, formats=formats) as image:
+        with (
+            held(path, whole),
+            BoundedFile(path) as file,
+            Image.open(file, formats=formats) as image,
+        ):
             if whole:
                 _check_size(path, image)
             yield image

@@ -24,7 +24,9 @@ def camera_centers(world_to_camera: Float64[Tensor, "v 4 4"]) -> Float64[Tensor,
 
 
 def scene_frame(
-    world_to_camera: Float64[Tensor, "v 4 4"], points: Float64[Tensor, "p 3"]
+    world_to_camera: Float64[Tensor, "v 4 4"],
+    points: Float64[Tensor, "p 3"],
+    held_out: Float64[Tensor, "h 4 4"] | None = None,
 ) -> tuple[Similarity, float]:
     """The similarity from the world of the data to the scene frame, and the extent there.
 
@@ -36,13 +38,15 @@ def scene_frame(
     Args:
         world_to_camera: rigid transforms of the training views; at least one.
         points: surface points of the world; may be none.
+        held_out: rigid transforms of other views, whose coordinates are checked alone.
 
     Raises:
         DataError: coordinates are too large to compute with.
     """
     centers = camera_centers(world_to_camera)
-    reach = float(torch.cat([centers, points]).abs().max())
-    if reach > LARGEST:
+    others = points[:0] if held_out is None else camera_centers(held_out)
+    reach = float(torch.cat([centers, others, points]).abs().max())
+    if not reach <= LARGEST:  # Not a number, where the largest ones are subtracted.
         raise DataError(
             f"coordinates of cameras or points reach {reach:.3g}; expected at most {LARGEST:g}.",
             "The file may be damaged; if not, scale its coordinates down.",

@@ -58,7 +58,7 @@ def _finite_rows(splats: Splats) -> Bool[Tensor, " n"]:
     """True for the splats whose values are all finite."""
     finite = torch.ones(len(splats), dtype=torch.bool)
     for tensor in splats.tensors().values():
-        parts = tensor.reshape(len(splats), -1).split(CHUNK)
+        parts = tensor.flatten(1).split(CHUNK) if tensor.dim() > 1 else tensor[:, None].split(CHUNK)
         for part, kept in zip(parts, finite.split(CHUNK), strict=True):
             kept.logical_and_(part.isfinite().all(1))
     return finite

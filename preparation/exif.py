@@ -13,6 +13,7 @@ from typing import Any
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
+from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import FORMATS
 
 FILM_DIAGONAL = 43.27
@@ -92,7 +93,7 @@ def read_exif(path: Path) -> Exif:
         # Pillow warns of damaged Exif, which is as good as none.
         warnings.simplefilter("ignore")
         try:
-            with Image.open(path, formats=FORMATS) as image:
+            with BoundedFile(path) as file, Image.open(file, formats=FORMATS) as image:
                 # Pillow would decode a whole PNG to look for late Exif.
                 if image.format == "PNG" and "exif" not in image.info:
                     return Exif()

@@ -13,6 +13,7 @@ from pathlib import PurePosixPath
 from PIL import Image
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import EXTENSIONS, FORMATS, Header, read_header
 from gsfw.preparation.foreign_formats import HEAD, RAW, RAW_EXTENSIONS, foreign_format
 from gsfw.preparation.image_set import LeftOut
@@ -88,7 +89,7 @@ def _why(file: InputFile, head: bytes, error: DataError) -> tuple[str, str]:
 
 def _content(file: InputFile) -> tuple[str, int]:
     """The format and the number of images."""
-    with Image.open(file.path, formats=FORMATS) as image:
+    with BoundedFile(file.path) as data, Image.open(data, formats=FORMATS) as image:
         content = str(image.format)
         if content == "MPO":
             # Phones append a preview or a depth map to a JPEG, not another photo.

@@ -8,14 +8,20 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from traceback import clear_frames
 from types import FrameType
 
 from gsfw.core.errors import DataError, UserError
 from gsfw.core.files.atomic import readable_write_errors
+from gsfw.kernels.cpu.native_module import last_words
 
 ADVICE = (
     "Run the same command with a new out=DIR, so that features and matches are computed anew; if "
     "it fails again, report it with what is in DIR/work/log."
+)
+ABORTED = (
+    "The disk may be full or failing. Give it room, and run the same command, which goes on; if it "
+    "fails again, report it with what is in DIR/work/log."
 )
 SOURCE_LINE = re.compile(r"^\[[\w.]+:\d+\]\s*")
 """Source line of COLMAP at the beginning of its messages."""
@@ -58,6 +64,8 @@ def load_colmap() -> None:
 def readable_native_errors(task: str, database: Path) -> Iterator[None]:
     """Turn exceptions of pycolmap into one that users can act on.
 
+    What its own threads throw would abort the process: it ends with a message, too.
+
     Args:
         task: what was tried, such as "compute camera poses".
         database: COLMAP's database that was worked on.
@@ -65,12 +73,35 @@ def readable_native_errors(task: str, database: Path) -> Iterator[None]:
     Raises:
         DataError: pycolmap threw.
     """
+    words = (f"error: COLMAP could not {task} with {database}", f"{ABORTED}\n", DataError.exit_code)
     try:
-        yield
+        with last_words(*words):
+            yield
     except UserError:
         raise
     except (RuntimeError, ValueError, IndexError, MemoryError) as error:
         raise native_failure(task, database, str(error)) from error
+
+
+@contextmanager
+def aborts_told(folder: Path) -> Iterator[None]:
+    """End with a message if COLMAP aborts the process, as when it closes a database after an error.
+
+    Args:
+        folder: of the preparation.
+    """
+    with last_words(
+        f"error: COLMAP stopped its work in {folder}", f"{ABORTED}\n", DataError.exit_code
+    ):
+        try:
+            yield
+        except UserError as error:
+            # Databases that an error holds by its traceback are closed here, and not at the end.
+            held: BaseException | None = error
+            while held is not None:
+                clear_frames(held.__traceback__)
+                held = held.__cause__ or held.__context__
+            raise
 
 
 def native_failure(task: str, database: Path, said: str) -> DataError:

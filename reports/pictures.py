@@ -89,7 +89,7 @@ def stored_pictures(folder: RunFolder) -> Pictures | None:
             orbit=_read(home / "orbit.webp") if document["orbit"] else b"",
             is_moving=bool(document["is_moving"]),
         )
-    except (KeyError, TypeError, ValueError, OSError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, OSError) as error:
         problem = " ".join(str(error).split())
         raise DataError(f"{home} cannot be read: {problem}.", advice) from error
 

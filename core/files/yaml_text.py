@@ -6,6 +6,7 @@ The size of a document is counted before it is built.
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from typing import Any
 
@@ -15,6 +16,8 @@ from gsfw.core.files.json_text import DEEPEST
 
 LARGEST = 100_000
 """Most nodes of a document, with those that aliases repeat; a configuration has a few hundred."""
+MOST_BRACKETS, BRACKET = 5 * DEEPEST, re.compile(r"[][{}]")
+"""Most brackets that are open at a time."""
 TOO_DEEP = "it is nested too deeply"
 FAST_LOADER: type = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The safe loader, ten times faster where PyYAML was built with libyaml."""
@@ -30,6 +33,7 @@ def parsed_yaml(text: str, loader: type = FAST_LOADER) -> Any:  # noqa: ANN401 -
     Raises:
         YAMLError: it is no YAML, is nested too deeply, or stands for too much.
     """
+    _check_brackets(text)
     if not issubclass(loader, FAST_LOADER):
         # The bounds first, as slow loaders take seconds for thousands of brackets. They tell other
         # errors in words of their own.
@@ -53,6 +57,23 @@ def parsed_yaml(text: str, loader: type = FAST_LOADER) -> Any:  # noqa: ANN401 -
         raise yaml.YAMLError(str(error)) from None
     finally:
         made.dispose()
+
+
+def _check_brackets(text: str) -> None:
+    """Check that brackets are not open by the thousand: for each token, YAML looks at all of them.
+
+    Those in texts and comments count too, so that the limit is above that of lists.
+
+    Raises:
+        YAMLError: they are.
+    """
+    if text.count("[") + text.count("{") <= MOST_BRACKETS:
+        return
+    depth = 0
+    for bracket in BRACKET.findall(text):
+        depth += 1 if bracket in "[{" else -1
+        if depth > MOST_BRACKETS:
+            raise yaml.YAMLError(TOO_DEEP)
 
 
 def _nodes(node: yaml.Node, depth: int, counted: dict[int, int]) -> int:

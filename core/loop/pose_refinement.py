@@ -111,8 +111,10 @@ def _pose(camera: Cameras) -> object:
 def scene_depths(poses: Float[Tensor, "p 4 4"], scene: Scene) -> Float[Tensor, " p"]:
     """Median depth of the points in front of each camera; the extent if there are none."""
     depths = scene.points @ poses[:, 2, :3].T + poses[:, 2, 3]
+    if not len(depths):
+        return torch.full_like(poses[:, 2, 3], scene.extent)
     found = torch.where(depths > 0, depths, torch.nan).nanmedian(dim=0).values
-    return found.nan_to_num(scene.extent) if len(depths) else torch.full_like(found, scene.extent)
+    return found.nan_to_num(scene.extent)
 
 
 def motion_matrices(

@@ -51,6 +51,12 @@ class RenderPassFloat64(RenderPassFloat32): ...
 def keep_freed_memory() -> None:
     """Let the process's allocator keep what is freed instead of giving it back."""
 
+def set_last_words(cause: str, advice: str, exit_code: int) -> None:
+    """Say something in place of a stack trace if the process aborts."""
+
+def clear_last_words() -> None:
+    """Let the process abort as it did before."""
+
 def l1_dssim(
     rendered: Tensor, target: Tensor, valid: Tensor | None, gradient: Tensor | None, threads: int
 ) -> tuple[float, float]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from types import ModuleType
 from typing import Any
@@ -17,6 +19,8 @@ NOT_BUILT = (
     "then: pip install --force-reinstall --no-deps ."
 )
 
+_last_words: list[tuple[str, str, int]] = []
+"""The messages of the blocks of ``last_words`` around this one."""
 FORCED = "GSFW_CPU_ISA"
 """Environment variable that forces an instruction set."""
 
@@ -88,6 +92,34 @@ def keep_freed_memory() -> None:
     module = native()
     if module is not None:
         module.keep_freed_memory()
+
+
+@contextmanager
+def last_words(cause: str, advice: str, exit_code: int) -> Iterator[None]:
+    """Within the block, a library that aborts the process ends it with a message.
+
+    Without the native module, and on Windows, it aborts as libraries do. The message is that of
+    the innermost block, whichever thread aborts.
+
+    Args:
+        cause: one line, without a full stop; what an exception says comes after it.
+        advice: further lines.
+        exit_code: of the process.
+    """
+    module = native()
+    if module is None:
+        yield
+        return
+    _last_words.append((cause, advice, exit_code))
+    module.set_last_words(*_last_words[-1])
+    try:
+        yield
+    finally:
+        _last_words.pop()
+        if _last_words:
+            module.set_last_words(*_last_words[-1])
+        else:
+            module.clear_last_words()
 
 
 def release_render_memory() -> None:

@@ -13,6 +13,7 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import FORMATS, Header, fit_image
 from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.writing.camera_plan import CameraPlan
@@ -39,7 +40,7 @@ class StoredImage:
     @staticmethod
     def read(path: Path, header: Header) -> StoredImage:
         """Look at the beginning of an image that has a header."""
-        with Image.open(path, formats=FORMATS) as image:
+        with BoundedFile(path) as file, Image.open(file, formats=FORMATS) as image:
             # Pillow turns TIFF upright by itself.
             tag = image.getexif().get(Base.Orientation, 1) if image.format == "TIFF" else 1
             turned = header.orientation != 1 or tag in range(2, 9)
@@ -55,7 +56,7 @@ class StoredImage:
 
         The orientation is left out, as pixels are upright.
         """
-        with Image.open(self.path, formats=FORMATS) as image:
+        with BoundedFile(self.path) as file, Image.open(file, formats=FORMATS) as image:
             profile = image.info.get("icc_profile") if image.mode in PROFILED_MODES else None
             exif = _exif(image)
         return encoded(pixels, self.rewritten_format, quality, profile, exif)

@@ -10,6 +10,7 @@ from support.states import assert_same_bits
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.commands.main import main
+from gsfw.core.errors import OutputError
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.studies.requirements.report import RequirementsReport
@@ -100,6 +101,23 @@ def test_a_resumed_run_reports_what_an_unbroken_one_does(tmp_path):
         del found["measured"]["seconds"]
     assert first == second
     assert whole.requirements_plot.read_bytes() == parts.requirements_plot.read_bytes()
+
+
+def test_a_disk_that_fails_leaves_the_requirements_to_resume(tmp_path, capsys, monkeypatch):
+    folder, write = RunFolder(tmp_path / "run"), RunFolder.write_json
+
+    def fail(self, path, document):
+        if path == folder.requirements:
+            raise OutputError("the disk fails.", "Check it.")
+        return write(self, path, document)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(RunFolder, "write_json", fail)
+        assert main(["train", *SMALL, f"out={folder.path}"]) == 2
+    assert "error: the disk fails." in capsys.readouterr().err
+    assert not folder.requirements.exists()
+    assert main(["resume", str(folder.path)]) == 0
+    assert folder.requirements.exists()
 
 
 def test_a_failure_to_measure_loses_nothing(tmp_path, capsys, monkeypatch):

@@ -1,7 +1,9 @@
 """DecodedImage files."""
 
 import struct
+import tracemalloc
 import zlib
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -43,6 +45,24 @@ def test_a_header_that_announces_more_than_the_file_can_hold_gets_no_memory(tmp_
     assert (header.width, header.height) == (side, side)
     with little_memory(), pytest.raises(DataError, match=r"announces 9000x9000 pixels, which"):
         decode(path, header)
+
+
+def test_a_chunk_that_announces_more_than_the_file_has_gets_no_memory(tmp_path):
+    path = tmp_path / "a.png"
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(path)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"IDAT") - 4
+    content[place : place + 4] = struct.pack(">I", 200_000_000)
+    path.write_bytes(content)
+    header = read_header(path)
+    tracemalloc.start()
+    try:
+        with suppress(DataError):
+            decode(path, header)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("form", ["PNG", "JPEG", "BMP", "WEBP"])

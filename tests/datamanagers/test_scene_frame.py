@@ -63,6 +63,15 @@ def test_without_points_cameras_at_one_place_keep_the_scale_of_the_data(views):
     )
 
 
+@pytest.mark.parametrize("far", [1e16, 1e174, 1.7e308])
+def test_held_out_cameras_beyond_computing_are_refused(far):
+    held_out = one_place().clone()
+    held_out[0, :3, 3] = torch.tensor([far, -far, far], dtype=torch.float64)
+    held_out[0, 0, 1], held_out[0, 1, 0] = 1.0, 1.0
+    with pytest.raises(DataError, match=r"coordinates of cameras or points reach"):
+        scene_frame(one_place(), torch.zeros(0, 3).double(), held_out)
+
+
 def test_coordinates_beyond_computing_are_refused():
     with pytest.raises(DataError) as error:
         scene_frame(one_place(), torch.tensor([[0.0, 1e300, 0.0]], dtype=torch.float64))

@@ -1,5 +1,6 @@
 """Signals after COLMAP was loaded, in a process of their own: it is loaded only once."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.preparation.native import native_failure, readable_native_errors
+from gsfw.kernels.cpu.native_module import native
+from gsfw.preparation.native import ABORTED, native_failure, readable_native_errors
 
 LOADED = """
 import os, signal, sys
@@ -90,3 +92,65 @@ def test_errors_of_users_pass_unchanged() -> None:
 def test_other_errors_pass_unchanged() -> None:
     with pytest.raises(OSError, match="full"), readable_native_errors("do it", Path("d")):
         raise OSError("the disk is full")
+
+
+ABORTS = """
+import os, sys
+from pathlib import Path
+from gsfw.preparation.native import aborts_told, readable_native_errors
+
+with aborts_told(Path("outer")):
+    with readable_native_errors("match features", Path("database.db")):
+        if sys.argv[1] == "inside":
+            os.abort()
+    if sys.argv[1] == "between":
+        os.abort()
+if sys.argv[1] == "after":
+    os.abort()
+"""
+HELD = """
+import os
+from pathlib import Path
+from gsfw.core.errors import DataError
+from gsfw.preparation.native import aborts_told
+
+class Database:
+    def __del__(self):
+        os.abort()
+
+def work():
+    database = Database()
+    raise DataError("it failed.", "Try again.")
+
+with aborts_told(Path("outer")):
+    work()
+"""
+
+
+@pytest.mark.skipif(native() is None or sys.platform == "win32", reason="no native module")
+@pytest.mark.parametrize(
+    ("moment", "cause"),
+    [
+        ("inside", "COLMAP could not match features with database.db"),
+        ("between", "COLMAP stopped its work in outer"),
+    ],
+)
+def test_a_library_that_aborts_the_program_ends_it_with_a_message(moment, cause):
+    ended = run(ABORTS, moment)
+    assert (ended.returncode, ended.stderr) == (2, f"error: {cause}.\n{ABORTED}\n")
+
+
+@pytest.mark.skipif(native() is None or sys.platform == "win32", reason="no native module")
+def test_outside_of_such_work_programs_abort_as_they_do():
+    ended = run(ABORTS, "after")
+    assert ended.returncode == -signal.SIGABRT
+    assert "COLMAP" not in ended.stderr
+
+
+@pytest.mark.skipif(native() is None or sys.platform == "win32", reason="no native module")
+def test_what_an_error_holds_may_abort_the_program_too():
+    ended = run(HELD)
+    assert (ended.returncode, ended.stderr) == (
+        2,
+        f"error: COLMAP stopped its work in outer.\n{ABORTED}\n",
+    )

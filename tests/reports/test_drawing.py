@@ -101,6 +101,7 @@ def test_pictures_are_read_as_they_were_stored(tmp_path):
         ("pictures.json", b"{"),
         ("pictures.json", b'{"schema": 1}'),
         ("pictures.json", b'{"schema": 99}'),
+        ("pictures.json", b'{"schema": 1, "views": [], "step": 1e400}'),
         ("00_target.webp", b"no image"),
         ("orbit.webp", b""),
         ("still.webp", webp(noise(40, 40), 10_000)[:100]),

@@ -7,6 +7,7 @@
 
 #include "bands.h"
 #include "bindings.h"
+#include "last_words.h"
 #include "python_arguments.h"
 #include "render_pass.h"
 
@@ -196,6 +197,9 @@ void bind_render(nb::module_& module) {
              "Free the memory that is kept from one render to the next.");
   module.def("keep_freed_memory", &keep_freed_memory,
              "Let the process's allocator keep what is freed instead of giving it back.");
+  module.def("set_last_words", &set_last_words, nb::arg("cause"), nb::arg("advice"), nb::arg("exit_code"),
+             "Say something in place of a stack trace if the process aborts.");
+  module.def("clear_last_words", &clear_last_words, "Let the process abort as it did before.");
 }
 
 }  // namespace gsfw

@@ -25,6 +25,7 @@ MERGED = "a0: &a0 {x: 1}\n" + "".join(
         ("a: &a [*a]", "nested more than 100 levels deep"),
         ("&a {b: *a}", "nested more than 100 levels deep"),
         ("[" * 20_000, "nested too deeply"),
+        ("a: b:\nc: " + "{" * 501, "nested too deeply"),
         ("- " * 150 + "x", "nested more than 100 levels deep"),
         ("when: 2001-99-99", "month must be in"),
         ("count: " + "9" * 5000, "Exceeds the limit"),
@@ -39,6 +40,8 @@ def test_what_goes_beyond_the_bounds_is_a_yaml_error(loader, text, words):
 
 
 def test_whatever_is_within_the_bounds_is_read():
+    assert len(parsed_yaml(f"a: '{'[' * 500}'")["a"]) == 500
+    assert len(parsed_yaml("a: [" + "[], " * 600 + "]")["a"]) == 600
     assert parsed_yaml("") is None
     assert parsed_yaml("a: &a {b: 1}\nc: {<<: *a, d: [2, null]}") == {
         "a": {"b": 1},

@@ -14,6 +14,7 @@ from gsfw.core.loop.pose_refinement import (
     PoseRefinement,
     common_motions,
     motion_matrices,
+    scene_depths,
 )
 from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.maths.rotations import rotation_vector_matrices
@@ -91,6 +92,14 @@ def test_gradients_by_motions_are_those_of_finite_differences():
         with torch.no_grad():
             difference = (loss(start + step) - loss(start - step)) / 2e-6
         assert float(start.grad[0, axis]) == pytest.approx(float(difference), rel=2e-4, abs=1e-4)
+
+
+def test_scenes_without_points_have_their_extent_as_depth():
+    data = FewViews()
+    none = data.scene.points[:0]
+    scene = replace(data.scene, points=none, point_colors=none)
+    poses = torch.cat([camera.world_to_camera for camera in data.views(Split.TRAIN).cameras])
+    assert scene_depths(poses, scene).tolist() == [scene.extent] * len(poses)
 
 
 def test_views_with_one_pose_share_its_motion_and_held_out_ones_of_others_stay():
