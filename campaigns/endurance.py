@@ -1,6 +1,6 @@
 """Endurance: long trainings, whose memory must not grow and whose results must be repeatable.
 
-A leak test with steps of one kind, long runs of three methods on four captures, and one step of as
+A leak test with steps of one kind, long runs of three methods on five captures, and one step of as
 many Gaussians as 12 GB hold, whose memory has been estimated before.
 """
 
