@@ -103,12 +103,15 @@ def _mean(points: Sequence[Point]) -> Point:
 def smoothed(points: Sequence[Point], share: float = 0.05) -> list[Point]:
     """Means over a window of ``share`` of the points around each."""
     half = max(round(len(points) * share / 2), 1)
-    sums = list(accumulate((value for _, value in points), initial=0.0))
-    found = []
+    values = [value for _, value in points]
+    lowest, highest = min(values, default=0.0), max(values, default=0.0)
+    sums, found = list(accumulate(values, initial=0.0)), []
     for place, (x, _) in enumerate(points):
         reach = min(half, place, len(points) - 1 - place)
         first, end = place - reach, place + reach + 1
-        found.append((x, (sums[end] - sums[first]) / (end - first)))
+        mean = (sums[end] - sums[first]) / (end - first)
+        # Beside a huge value the difference of sums is wrong: it may be below zero.
+        found.append((x, min(max(mean, lowest), highest)))
     return found
 
 
@@ -129,7 +132,10 @@ class _Frame:
         xs, ys = [x for x, _ in points], [y for _, y in points]
         lowest = min(0.0, *ys) if is_from_zero else min(ys)
         upward = _upward_marks(lowest, max(ys), is_ratio)
-        left, right = (min(xs), max(xs)) if min(xs) < max(xs) else (min(xs) - 0.5, max(xs) + 0.5)
+        left, right = float(min(xs)), float(max(xs))
+        if left == right:  # A half is nothing beside 1e18.
+            room = max(0.5, FLAT * abs(left))
+            left, right = left - room, right + room
         across = [mark for mark in round_marks(left, right, 6) if left <= mark <= right]
         shown = [mark for mark in upward if _digit(mark) == 1] if is_ratio else upward
         shown = shown if len(shown) > 1 else upward

@@ -132,5 +132,8 @@ def _read(path: Path) -> bytes:
     content = path.read_bytes()
     if content[:4] != b"RIFF" or content[8:12] != b"WEBP" or len(content) > LARGEST:
         raise ValueError(f"{path.name} is no WebP image of at most {LARGEST} bytes")
-    with Image.open(io.BytesIO(content)):  # Refuses a file that is cut short.
-        return content
+    try:
+        with Image.open(io.BytesIO(content)):  # Refuses a file that is cut short.
+            return content
+    except Image.DecompressionBombError as error:
+        raise ValueError(f"{path.name}: {error}") from error

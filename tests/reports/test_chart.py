@@ -60,6 +60,21 @@ def labels(markup):
     return re.findall(r'text-anchor="end">([^<]+)<', markup)
 
 
+@pytest.mark.parametrize("points", [[(10**18 - 1, 1.0)], [(10**18, 2.0), (10**18 + 1, 3.0)]])
+def test_one_place_at_a_huge_step_is_drawn(points):
+    drawn = Chart("a", "step", (Curve("b", points),)).markup()
+    assert "nan" not in str(drawn)
+
+
+def test_means_beside_a_huge_value_stay_among_the_values():
+    points = [(float(x), 1e18 if x == 12 else 1.0 / (x + 1)) for x in range(40)]
+    values = [value for _, value in smoothed(points, 0.1)]
+    assert min(values) >= 1 / 40
+    assert "nan" not in str(
+        Chart("a", "step", (Curve("b", smoothed(points)),), is_ratio=True).markup()
+    )
+
+
 def test_a_flat_curve_has_marks_that_differ():
     for value in (12_033.0, 22.1, 0.0, -3.0):
         curve = Curve("count", [(0.0, value), (9.0, value)])

@@ -95,6 +95,13 @@ def test_pictures_are_read_as_they_were_stored(tmp_path):
     assert stored_pictures(folder) == pictures()
 
 
+BOMB = (
+    b"RIFF" + (22).to_bytes(4, "little") + b"WEBPVP8X" + (10).to_bytes(4, "little")
+    + bytes(4) + (16_383).to_bytes(3, "little") + (16_383).to_bytes(3, "little")
+)  # fmt: skip
+"""A header of 268 million pixels."""
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -104,6 +111,7 @@ def test_pictures_are_read_as_they_were_stored(tmp_path):
         ("pictures.json", b'{"schema": 1, "views": [], "step": 1e400}'),
         ("00_target.webp", b"no image"),
         ("orbit.webp", b""),
+        ("still.webp", BOMB),
         ("still.webp", webp(noise(40, 40), 10_000)[:100]),
     ],
 )
