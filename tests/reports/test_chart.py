@@ -60,7 +60,7 @@ def labels(markup):
     return re.findall(r'text-anchor="end">([^<]+)<', markup)
 
 
-@pytest.mark.parametrize("points", [[(10**18 - 1, 1.0)], [(10**18, 2.0), (10**18 + 1, 3.0)]])
+@pytest.mark.parametrize("points", [[(1e18, 1.0)], [(1e18, 2.0), (1e18, 3.0)]])
 def test_one_place_at_a_huge_step_is_drawn(points):
     drawn = Chart("a", "step", (Curve("b", points),)).markup()
     assert "nan" not in str(drawn)
