@@ -32,7 +32,10 @@ MAY_IMPORT = {
     "parallel": {"gsfw.core", "gsfw.parallel"},
     "lod": {"gsfw.core", "gsfw.formats", "gsfw.lod", SPECS},
     "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
-    "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.jobs", "gsfw.preparation"},
+    "preparation": {
+        *("gsfw.core", "gsfw.datamanagers", "gsfw.jobs", "gsfw.preparation"),
+        "gsfw.kernels.cpu.native_module",  # What is said where COLMAP aborts the process.
+    },
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
     "reports": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering"),
