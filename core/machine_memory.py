@@ -36,7 +36,7 @@ MOSTLY = 0.9
 
 
 class Limit(Enum):
-    """What limits memory, as the beginning of a sentence."""
+    """A limit of memory, as the beginning of a sentence."""
 
     MACHINE = "this machine has"
     GROUP = "the control group of this process allows"

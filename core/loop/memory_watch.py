@@ -143,7 +143,7 @@ def _tight(memory: MachineMemory) -> float:
 
 @dataclass(frozen=True)
 class _Look:
-    """What one process has seen."""
+    """The memory of one process, and the rows that it has room for."""
 
     memory: MachineMemory
     """The memory of the rows, or main memory if that is full."""

@@ -84,10 +84,8 @@ class Trainer:
         """
         with deterministic(self.parts.device), self._updates.working():
             try:
-                if (
-                    self._checkpointed != self.walk.updates
-                ):  # Also checks that the folder is writable.
-                    self._checkpoint()
+                if self._checkpointed != self.walk.updates:
+                    self._checkpoint()  # Also checks that the folder is writable.
                 self.callbacks.on_start(self._started(), self.control)
                 release_freed_memory()  # That of the start.
                 self._stopwatch.restart()
