@@ -203,6 +203,9 @@ def faults_of_resume(out: Path, steps: int, folder: Path) -> Iterator[str]:
     """Differences in the last state of a run that goes on from its last checkpoint but one."""
     again = RunFolder(folder / "again")
     middle, ended = _resumed(out, again, steps, folder)
+    if middle in ("no checkpoint", again.checkpoint(0).name):
+        yield "gsfw resume has no checkpoint in the middle"
+        return
     if ended.code != 0:
         yield f"gsfw resume from {middle} ended with exit code {ended.code}"
         return

@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import random
+import signal
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from campaign import Campaign, Detail, Outcome, Promise
 from final_outputs import differences, final_outputs
 from forked_commands import Command, Ended, Server
 from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
+from interruptions import Tally
 
 SHARES = {"train": 0.34, "resume": 0.2, "export": 0.24, "prepare": 0.14, "study": 0.08}
 """Parts of the races for each verb."""
 AT_ONCE = 0.4
 """Part of the races in which both start at once; the others start within the first one's time."""
 REFUSED = 2
+ENDS = ("both done", "one refused", "both refused")
+"""Ends of two commands, by the number of those that are refused."""
 MOST_TRIES = 3
 """Times that the command is given afterwards, until it ends with exit code 0."""
-
-
-@dataclass
-class Tally:
-    """Counts of a campaign, and what broke a promise."""
-
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """By verb and end."""
-    failures: list[str] = field(default_factory=list)
 
 
 class Races:
@@ -63,7 +56,7 @@ class Races:
         if self.random.random() > AT_ONCE:
             apart = self.random.random() * known.ended.seconds
         ends = self._both(command, apart)
-        self.tally.counts[verb, how(ends)] += 1
+        self.tally.count(verb, how(ends))
         found = [*race_problems(ends), *self._after(work, known)]
         self.tally.failures += [
             f"{verb}, {work.name}, seed {self.seed}, {apart:.3f} s apart: {each}" for each in found
@@ -72,7 +65,7 @@ class Races:
     def _begun(self, work: Work, command: Command, known: Undisturbed) -> Command:
         """Kill a training in its second half; the command that goes on with it."""
         seconds = known.ended.seconds * (0.5 + 0.4 * self.random.random())
-        killed = Command(command.words, command.folder, signals=((seconds, 9),))
+        killed = Command(command.words, command.folder, signals=((seconds, signal.SIGKILL),))
         self.servers[0].run(killed)
         return work.going_on(self.place, self.inputs)
 
@@ -102,7 +95,7 @@ class Races:
 def how(ends: Sequence[Ended]) -> str:
     """The ends of two commands, in words."""
     refused = sum(end.code == REFUSED for end in ends)
-    return ("both done", "one refused", "both refused")[refused]
+    return ENDS[refused]
 
 
 def race_problems(ends: Sequence[Ended]) -> Iterator[str]:
@@ -135,9 +128,6 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
                     say(line)
                 say(f"{verb}: {sum(races.tally.counts.values())} races so far")
     return outcome(races.tally)
-
-
-ENDS = ("both done", "one refused", "both refused")
 
 
 def outcome(tally: Tally) -> Outcome:

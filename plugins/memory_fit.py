@@ -74,6 +74,11 @@ class MemoryFit:
         return gpu_memory(self.device) if self.device.type == "cuda" else self.memory
 
     @property
+    def _checks(self) -> bool:
+        """True if a run may be refused."""
+        return bool(self.is_new and self.settings.config.check_memory)
+
+    @property
     def _shards(self) -> int:
         """Number of processes that share the Gaussians."""
         config = self.settings.config
@@ -153,7 +158,7 @@ class MemoryFit:
         count = len(scene.points) if initial is None else len(initial)
         if initial is None and self.settings.config.init == "random":
             count = 0
-        is_on_gpu = self.device.type == "cuda"
+        is_on_gpu = self._checks and self.device.type == "cuda"
         if not (is_on_gpu or self._is_too_much(self.need(count, self.row()))):
             return
         if not count:
@@ -179,7 +184,7 @@ class MemoryFit:
 
     def _is_too_much(self, need: TrainingMemory) -> bool:
         """True if a run needs more than there is for certain, and may be refused."""
-        if not (self.is_new and self.settings.config.check_memory) or self.memory is None:
+        if not self._checks or self.memory is None:
             return False
         return CERTAIN * need.total > self.memory.room + self.memory.swap
 
@@ -205,8 +210,7 @@ class MemoryFit:
         Raises:
             NotEnoughMemoryError: they do not.
         """
-        checks = self.is_new and self.settings.config.check_memory
-        if not checks or self.device.type != "cuda":
+        if not self._checks or self.device.type != "cuda":
             return
         memory, kept = gpu_memory(self.device), gaussians * self._share(row).kept
         if kept <= memory.room:
