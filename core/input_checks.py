@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -138,11 +141,50 @@ def _check_shape(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
 
 
 def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
-    """Check that every value is finite and in its range.
+    """Check that every value is finite and in its range; waits for a GPU once.
 
     Raises:
         ValueError: a value is wrong; names the field, the number of wrong rows, and the first one.
     """
+    flags = [each.holds.all() for each in _conditions(splats, cameras, settings)]
+    if not torch.stack([*flags, *_right_ends(splats.colors)]).all():
+        for condition in _conditions(splats, cameras, settings):
+            condition.refuse()
+        _refuse_ends(splats.colors)
+
+
+def _conditions(splats: Splats, cameras: Cameras, settings: RenderSettings) -> Iterator[_Condition]:
+    """All conditions, one after another: flags of all values at once would take memory."""
+    yield from _finite(splats, cameras, settings)
+    yield from _in_range(splats, cameras)
+    yield from _of_offsets(splats.colors)
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """A condition that every row of a field has to meet."""
+
+    name: str
+    """Name of the field."""
+    holds: Tensor
+    expected: str
+    values: Tensor
+    """Values that an error shows, row by row."""
+
+    def refuse(self) -> None:
+        """Raise a ``ValueError`` that names the first row where the condition does not hold."""
+        holds = self.holds.flatten(1).all(1) if self.holds.dim() > 1 else self.holds
+        wrong = (~holds).nonzero()[:, 0]
+        if len(wrong):
+            first = int(wrong[0])
+            raise ValueError(
+                f"{self.name}: expected {self.expected}; {len(wrong)} of {len(holds)} rows are "
+                f"not, the first is row {first}: "
+                f"{self.values[first].detach().flatten().tolist()[:16]}"
+            )
+
+
+def _finite(splats: Splats, cameras: Cameras, settings: RenderSettings) -> Iterator[_Condition]:
     named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
     named["cameras.world_to_camera"] = cameras.world_to_camera
     named["cameras.intrinsics"] = cameras.intrinsics
@@ -151,38 +193,41 @@ def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
     if settings.contribution_weights is not None:
         named["settings.contribution_weights"] = settings.contribution_weights
     for name, tensor in named.items():
-        _refuse(name, ~tensor.isfinite(), "finite values", tensor)
-    if splats.scales is not None:
-        _refuse("splats.scales", splats.scales < 0, "scales >= 0", splats.scales)
-    if isinstance(splats.colors, Sh):
-        _check_values_of_offsets(splats.colors)
-    opacities = splats.opacities
-    _refuse("splats.opacities", (opacities < 0) | (opacities > 1), "values in [0, 1]", opacities)
-    focal = torch.stack([cameras.intrinsics[:, 0, 0], cameras.intrinsics[:, 1, 1]], dim=1)
-    _refuse("cameras.intrinsics", focal <= 0, "focal lengths > 0", focal)
-    skew = cameras.intrinsics[:, 0, 1]
-    _refuse("cameras.intrinsics", skew != 0, "no skew", skew)
+        yield _Condition(name, tensor.isfinite(), "finite values", tensor)
 
 
-def _check_values_of_offsets(colors: Sh) -> None:
-    if colors.offsets is None or colors.rest is None:
+def _in_range(splats: Splats, cameras: Cameras) -> Iterator[_Condition]:
+    scales, opacities, intrinsics = splats.scales, splats.opacities, cameras.intrinsics
+    if scales is not None:
+        yield _Condition("splats.scales", scales >= 0, "scales >= 0", scales)
+    within = (opacities >= 0) & (opacities <= 1)
+    yield _Condition("splats.opacities", within, "values in [0, 1]", opacities)
+    focal = torch.stack([intrinsics[:, 0, 0], intrinsics[:, 1, 1]], dim=1)
+    yield _Condition("cameras.intrinsics", focal > 0, "focal lengths > 0", focal)
+    skew = intrinsics[:, 0, 1]
+    yield _Condition("cameras.intrinsics", skew == 0, "no skew", skew)
+
+
+def _of_offsets(colors: Sh | Tensor) -> Iterator[_Condition]:
+    if isinstance(colors, Sh) and colors.offsets is not None:
+        lengths = colors.offsets.diff()
+        yield _Condition("splats.colors.offsets", lengths >= 0, "row lengths >= 0", lengths)
+
+
+def _right_ends(colors: Sh | Tensor) -> list[Tensor]:
+    """Flags: the offsets of ragged coefficients begin at 0; they end with the rows."""
+    if not isinstance(colors, Sh) or colors.offsets is None or colors.rest is None:
+        return []
+    return [colors.offsets[0] == 0, colors.offsets[-1] == len(colors.rest)]
+
+
+def _refuse_ends(colors: Sh | Tensor) -> None:
+    if all(_right_ends(colors)):
         return
-    name, lengths = "splats.colors.offsets", colors.offsets.diff()
-    _refuse(name, lengths < 0, "row lengths >= 0", lengths)
-    ends, expected = colors.offsets[[0, -1]].tolist(), [0, len(colors.rest)]
-    if ends != expected:
-        raise ValueError(
-            f"{name}: expected {expected[0]} first and the {expected[1]} rows of rest last, "
-            f"found {ends[0]} and {ends[1]}"
-        )
-
-
-def _refuse(name: str, wrong: Tensor, expected: str, values: Tensor) -> None:
-    rows = wrong.flatten(1).any(1) if wrong.dim() > 1 else wrong
-    count = int(rows.sum())
-    if count:
-        first = int(rows.nonzero()[0])
-        raise ValueError(
-            f"{name}: expected {expected}; {count} of {len(rows)} rows are not, "
-            f"the first is row {first}: {values[first].detach().flatten().tolist()[:16]}"
-        )
+    assert isinstance(colors, Sh)  # Others have no flags.
+    assert colors.offsets is not None
+    assert colors.rest is not None
+    raise ValueError(
+        f"splats.colors.offsets: expected 0 first and the {len(colors.rest)} rows of rest last, "
+        f"found {int(colors.offsets[0])} and {int(colors.offsets[-1])}"
+    )

@@ -19,6 +19,7 @@ from gsfw.kernels.render_arguments import (
     SplatArrays,
     SplatGradients,
 )
+from gsfw.kernels.tangents import has_tangents
 from gsfw.rasterizers.kernel_arguments import (
     PairLimit,
     RenderCall,
@@ -58,7 +59,10 @@ def render(
     inputs, offsets = flat_inputs(splats, cameras)
     wanted = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in inputs)
     call = render_call(splats, cameras, settings, statistics, limit, wanted)
-    image, alpha = _Render.apply(backend, call, log, offsets, *inputs)
+    if wanted or has_tangents(inputs):  # Autograd refuses tangents.
+        image, alpha = _Render.apply(backend, call, log, offsets, *inputs)
+    else:  # The host needs as long for a node of autograd as for a stage.
+        image, alpha, _ = _images(backend, call, log, offsets, *inputs)
     return split_channels(image, alpha[..., None], splats, settings, statistics)
 
 
@@ -108,15 +112,7 @@ class _Render(torch.autograd.Function):
         offsets: Tensor | None,
         *tensors: Any,  # noqa: ANN401 - a tensor or None, by position.
     ) -> tuple[Tensor, Tensor]:
-        cameras, like = call.cameras, call.background
-        shape = (len(cameras), cameras.height, cameras.width)
-        image, alpha = like.new_empty(*shape, len(like)), like.new_empty(shape)
-        arrays: list[Any] = [*tensors[:-1], offsets]
-        splats = SplatArrays(*arrays)
-        passes = [
-            _render_one(backend, call, splats, image, alpha, index) for index in range(len(cameras))
-        ]
-        log.record(passes)
+        image, alpha, passes = _images(backend, call, log, offsets, *tensors)
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*tensors, offsets, image)
         ctx.call, ctx.log, ctx.passes = call, log, passes
@@ -150,6 +146,26 @@ class _Render(torch.autograd.Function):
         ctx.log.record(ctx.passes)
         pose = None if poses is None else pose_gradient(poses, call.cameras.world_to_camera)
         return None, None, None, None, *gradients, pose
+
+
+def _images(
+    backend: KernelBackend,
+    call: RenderCall,
+    log: StageLog,
+    offsets: Tensor | None,
+    *tensors: Any,  # noqa: ANN401 - a tensor or None, by position.
+) -> tuple[Tensor, Tensor, list[ForwardPass]]:
+    """Images and alphas of all cameras, and their forward passes."""
+    cameras, like = call.cameras, call.background
+    shape = (len(cameras), cameras.height, cameras.width)
+    image, alpha = like.new_empty(*shape, len(like)), like.new_empty(shape)
+    arrays: list[Any] = [*tensors[:-1], offsets]
+    splats = SplatArrays(*arrays)
+    passes = [
+        _render_one(backend, call, splats, image, alpha, index) for index in range(len(cameras))
+    ]
+    log.record(passes)
+    return image, alpha, passes
 
 
 def _render_one(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 
 import torch
@@ -40,6 +40,8 @@ SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
 
 PROJECT_THREADS = constant("splat.h", "PROJECT_THREADS")
 
+_NOT_MEASURED = nullcontext()
+
 
 class StageClock:
     """Pairs of CUDA events around stages; reading them waits for the device.
@@ -52,12 +54,12 @@ class StageClock:
         self._device = device
         self._events: dict[str, tuple[torch.cuda.Event, torch.cuda.Event]] = {}
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> AbstractContextManager[None]:
         """Measure what is launched within."""
-        if not self._measuring:
-            yield
-            return
+        return self._measured(name) if self._measuring else _NOT_MEASURED
+
+    @contextmanager
+    def _measured(self, name: str) -> Iterator[None]:
         begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
         # The stream of the GPU that renders, which may differ from torch's current device.
         stream = torch.cuda.current_stream(self._device)

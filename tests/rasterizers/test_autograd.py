@@ -6,6 +6,7 @@ import pytest
 import torch
 from support.agreement import draw_everything, leaves
 from support.scenes import front_camera, random_splats
+from torch.autograd import forward_ad
 
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh
@@ -91,3 +92,13 @@ def test_half_precision_is_refused(backend, dtype):
     with pytest.raises(ValueError, match="expected float32 or float64") as caught:
         backend.render(splats, front_camera().to(dtype=dtype))
     assert str(caught.value) == f"splats.means: expected float32 or float64, found {dtype}"
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
+@pytest.mark.parametrize("grad", [True, False])
+def test_forward_mode_derivatives_are_refused_rather_than_left_out(backend, grad):
+    splats = random_splats(8, 1)
+    with forward_ad.dual_level(), torch.set_grad_enabled(grad):
+        means = forward_ad.make_dual(splats.means, torch.ones_like(splats.means))
+        with pytest.raises(NotImplementedError, match="forward mode"):
+            backend.render(replace(splats, means=means), front_camera())
