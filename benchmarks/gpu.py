@@ -107,6 +107,8 @@ def main() -> int:
     session.wait_for(gsplats)
     usable = [gsplat for gsplat in gsplats if not gsplat.problem]
     first = usable[0] if usable else None
+    if first:
+        session.gsplat_tests(first)
     session.drawings(first)
     session.profiles()
     session.trainings(first, options.steps)

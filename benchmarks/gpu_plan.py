@@ -20,6 +20,8 @@ TESTS = (
 """Files with tests of a GPU. The others are not collected: they import packages that a machine with
 a GPU need not have."""
 
+GSPLAT_TESTS = ("tests/rasterizers/gsplat",)
+
 
 @dataclass(frozen=True)
 class Drawing:
@@ -45,6 +47,8 @@ class Plan:
     tests: tuple[str, ...]
     """Arguments of pytest."""
     drawings: tuple[Drawing, ...]
+    gsplat_tests: tuple[str, ...] = ()
+    """Arguments of pytest, beside a gsplat."""
     sanitizers: tuple[str, ...] = ()
     """Tools of NVIDIA's compute-sanitizer, which watch a small image and its gradient."""
     trainings: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -94,6 +98,7 @@ def full(data: Path | None) -> Plan:
         ours=("cuda", "cuda:deterministic"),
         tests=("-m", "cuda", *TESTS),
         drawings=tuple(drawings),
+        gsplat_tests=("-m", "cuda", *GSPLAT_TESTS),
         sanitizers=("memcheck", "racecheck", "synccheck", "initcheck"),
         trainings=trainings,
         missing=missing,

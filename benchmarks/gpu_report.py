@@ -13,6 +13,7 @@ from gpu_profile import KernelProfile
 
 FIGURES = {
     "forward": "forward",
+    "frame": "frame, without gradients",
     "image": "forward + backward",
     "step": "training step, our loss and Adam in both",
     "sparse_step": "the same, Adam on visible rows only",
@@ -22,7 +23,7 @@ FIGURES = {
 OWN_STEPS = {"own_step": ("step", "graph_step"), "own_sparse_step": ("sparse_step",)}
 """Steps as gsplat's own trainer does them, and the steps of ours that they are set against."""
 
-OURS = {"graph_step": "training step, ours as a CUDA graph"}
+GRAPH_STEP = {"graph_step": "training step, ours as a CUDA graph"}
 
 LOG_LINES = 200
 """Last lines of each log that are kept."""
@@ -63,7 +64,14 @@ class Report:
         say(self._notes[-1])
         self._write()
 
-    def tests(self, counts: Mapping[str, int], left_out: int, seconds: float, problem: str) -> None:
+    def tests(
+        self,
+        part: str,
+        counts: Mapping[str, int],
+        left_out: int,
+        seconds: float,
+        problem: str,
+    ) -> None:
         """Note how many tests passed."""
         bad = counts["FAILED"] + counts["ERROR"]
         told = f"{counts['PASSED']} passed, {bad} failed, {counts['SKIPPED']} skipped"
@@ -73,8 +81,8 @@ class Report:
             told += f" ({problem})"
         # Tests that the time did not suffice for are left out, which is no failure.
         status = "failed" if bad or not counts["PASSED"] or (problem and not left_out) else "ok"
-        self._rows.append(("tests", told, "", "", ""))
-        self.add("tests", status, told, seconds)
+        self._rows.append((part, told, "", "", ""))
+        self.add(part, status, told, seconds)
 
     def drawing(self, part: str, found: dict[str, Any], alone: bool) -> None:
         """Take a document of `gsfw bench`; of one that ran ``alone`` speed is no figure."""
@@ -159,9 +167,12 @@ def _drawing_rows(part: str, found: Mapping[str, Any]) -> Iterator[Row]:
         for key, words in FIGURES.items():
             if f"{key}_ms" in other:
                 yield _compared(part, f"{words}, {name}", ours, other, key, key)
+        if "frame_ms" in other and "graph_frame_ms" in ours:
+            words = f"frame, ours as a CUDA graph, {name}"
+            yield _compared(part, words, ours, other, "graph_frame", "frame")
         for key, against in ((key, mine) for key, every in OWN_STEPS.items() for mine in every):
             if f"{key}_ms" in other and f"{against}_ms" in ours:
-                words = f"{(FIGURES | OURS)[against]}: as gsplat's trainer does it (SSIM: "
+                words = f"{(FIGURES | GRAPH_STEP)[against]}: as gsplat's trainer does it (SSIM: "
                 words += f"{found.get('own_step_ssim', 'unknown')})"
                 yield _compared(part, words, ours, other, against, key)
         for key, whole in (("image", "an image"), ("step", "a step")):

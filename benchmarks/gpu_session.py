@@ -31,8 +31,8 @@ PROFILE_SECONDS = 60.0
 SAFETY = 1.4
 """A training may take so much longer than a short one promises: it has more Gaussians."""
 
-SMALL_IMAGE = ("workload=random:2000", "size=160x104", "repeats=1", "sparse=true")
-"""An image, its gradient and steps, with every kernel, small enough for a checker of memory."""
+KERNELS = Path(__file__).with_name("gpu_kernels.py")
+"""Runs the kernels on inputs that are small enough for a checker of memory."""
 
 OUTCOME = re.compile(r"\b(PASSED|FAILED|ERROR|SKIPPED)\b")
 SELECTED = re.compile(r"(\d+) selected|\[(\d+) items\]|collected (\d+) items")
@@ -87,8 +87,10 @@ class Session:
     def wants_gsplat(self) -> bool:
         """Whether a part that is run compares with it."""
         compared = [drawing.name for drawing in self._plan.drawings if not drawing.alone]
-        return any(self._wanted("drawings", name) for name in compared) or any(
-            self._wanted("trainings", f"training {scene}") for scene in self._plan.trainings
+        return (
+            "gsplat tests" in self._parts
+            or any(self._wanted("drawings", name) for name in compared)
+            or any(self._wanted("trainings", f"training {s}") for s in self._plan.trainings)
         )
 
     def works(self, command: list[str]) -> bool:
@@ -103,16 +105,22 @@ class Session:
 
     def tests(self) -> None:
         """The suites that hold for any rasterizer, on this device."""
-        if not self._wanted("tests", "tests"):
-            return
+        if self._wanted("tests", "tests"):
+            self._test("tests", self._plan.tests, self._environment)
+
+    def gsplat_tests(self, gsplat: Gsplat) -> None:
+        """The tests of our adapter of gsplat, for which its kernels have to be compiled."""
+        if self._wanted("tests", "gsplat tests"):
+            self._test("gsplat tests", self._plan.gsplat_tests, gsplat.environment)
+
+    def _test(self, name: str, arguments: Sequence[str], environment: Mapping[str, str]) -> None:
         command = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider"]
         # Where pytest-benchmark lies about, it warns of pytest-xdist, which is an error here.
-        command += [*self._plan.tests, "--color=no", "-p", "no:benchmark"]
+        command += [*arguments, "--color=no", "-p", "no:benchmark"]
         # Where this old package lies about, importing torch warns of it.
         command += ["-W", "ignore:The pynvml package:FutureWarning"]
         command += _workers(self._plan.device)
-        limit = min(TEST_SECONDS, self.left())
-        ended = self._run("tests", command, limit)
+        ended = self._run(name, command, min(TEST_SECONDS, self.left()), environment)
         counts = {word: 0 for word in ("PASSED", "FAILED", "ERROR", "SKIPPED")}
         for line in ended.output.partition("short test summary")[0].splitlines():
             found = OUTCOME.search(line)
@@ -121,10 +129,10 @@ class Session:
         sizes = [int(next(filter(None, found))) for found in SELECTED.findall(ended.output)]
         total = sizes[-1] if sizes else sum(counts.values())
         left_out = max(0, total - sum(counts.values()))
-        self._report.tests(counts, left_out, ended.seconds, ended.problem)
+        self._report.tests(name, counts, left_out, ended.seconds, ended.problem)
 
     def sanitizers(self) -> None:
-        """Let NVIDIA's checkers of memory, races and barriers watch the kernels of small steps."""
+        """Let NVIDIA's checkers of memory, races and barriers watch the kernels."""
         tools = [tool for tool in self._plan.sanitizers if self._wanted("sanitizers", tool)]
         program = shutil.which("compute-sanitizer")
         for tool in tools:
@@ -133,9 +141,8 @@ class Session:
                 continue
             command = [program, "--tool", tool, "--error-exitcode", "9"]
             # Those of torch would take most of the time.
-            command += ["--kernel-name", "kns=gsfw", *self._bench(self._plan.ours[:1])]
-            limit = min(SANITIZER_SECONDS, self.left())
-            ended = self._run(tool, [*command, *SMALL_IMAGE], limit)
+            command += ["--kernel-name", "kns=gsfw", sys.executable, str(KERNELS)]
+            ended = self._run(tool, command, min(SANITIZER_SECONDS, self.left()))
             summary = re.findall(r"ERROR SUMMARY: .*|RACECHECK SUMMARY: .*", ended.output)
             told = "; ".join(filter(None, [ended.problem, *summary])) or "it found nothing"
             self._report.add(tool, "failed" if ended.problem else "ok", told, ended.seconds)

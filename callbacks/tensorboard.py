@@ -104,6 +104,9 @@ class TensorBoard(Callback):
     def _add_image(self, tag: str, image: UInt8[np.ndarray, "h w 3"], step: int) -> None:
         assert self._writer is not None
         self._writer._get_file_writer().add_summary(summary_of(tag, image), step)
+        # TensorBoard's thread computes the image's checksum in Python, under whose lock each
+        # operation of torch would wait: steps and renders would take several times as long.
+        self._writer.flush()
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
         """Write the images of a few held-out views, the same ones about ten times in a run."""

@@ -128,13 +128,14 @@ def evaluate(
     per_view: dict[int, Mapping[str, float]] = {}
     durations: list[float] = []
     for place, index in enumerate(tracked(order, "evaluating held-out views", len(order))):
-        data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
         started = time.perf_counter()
         output = parts.render(batch.cameras, settings, batch.time).output
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
+        # Not before the render, whose time would include that of the threads.
+        data.prefetch(split, order[place + 1 : place + 2])
         target = batch.target(settings.background)[0]
         per_view[index] = comparison.compare(index, batch, target, output)
         if on_view is not None:

@@ -113,22 +113,33 @@ class Bench:
                     own.run()
 
     def _whole_steps(self, entrant: Entrant) -> dict[str, Callable[[], None]]:
-        """Steps of ours that are measured without their parts, by name."""
+        """Frames and steps of ours that are measured without their parts, by name."""
         steps: dict[str, Callable[[], None]] = {}
+        rasterizer, settings = entrant.rasterizer, entrant.settings
         if self._sparse_step:
-            run = self._sparse_step.run
-            steps["sparse_step"] = partial(run, entrant.rasterizer, entrant.settings)
-        if self._recorder is not None and entrant.rasterizer.can_be_captured:
-            steps["graph_step"] = self._recorded(entrant).replay
+            steps["sparse_step"] = partial(self._sparse_step.run, rasterizer, settings)
+        if self._recorder is None:
+            return steps
+        frame = partial(self._frame, entrant)
+        steps["frame"] = frame
+        if rasterizer.can_be_captured:
+            step = partial(self._step.run, rasterizer, settings)
+            steps["graph_frame"] = self._recorded(f"frame of {entrant.name}", frame).replay
+            steps["graph_step"] = self._recorded(f"step of {entrant.name}", step).replay
         return steps
 
-    def _recorded(self, entrant: Entrant) -> Recording:
-        """The training step as a graph; it has been run before."""
-        if entrant.name not in self._recordings:
+    @torch.no_grad()
+    def _frame(self, entrant: Entrant) -> None:
+        """Render as viewers do, without a graph of autograd."""
+        entrant.rasterizer.render(self.workload.splats, self.workload.cameras, entrant.settings)
+
+    def _recorded(self, name: str, work: Callable[[], None]) -> Recording:
+        """The work as a CUDA graph; its kernels have been used before."""
+        if name not in self._recordings:
             assert self._recorder is not None
-            step = partial(self._step.run, entrant.rasterizer, entrant.settings)
-            self._recordings[entrant.name] = self._recorder.record(step)
-        return self._recordings[entrant.name]
+            work()
+            self._recordings[name] = self._recorder.record(work)
+        return self._recordings[name]
 
     @contextmanager
     def _peak(self, setup: Setup, name: str) -> Iterator[None]:

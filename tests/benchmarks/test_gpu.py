@@ -6,7 +6,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import gpu_kernels
 import pytest
 import step_kernels
 import torch
@@ -223,6 +225,21 @@ def test_a_sanitizer_that_finds_a_fault_fails_and_one_that_is_not_there_is_left_
     assert found["memcheck"]["status"] == "ok"
     assert found["racecheck"]["status"] == "failed"
     assert found["racecheck"]["reason"].endswith("ERROR SUMMARY: 1 error (racecheck)")
+
+
+def test_the_program_that_sanitizers_watch_runs(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["gpu_kernels.py", "cpu"])
+    assert gpu_kernels.main() == 0
+    assert capsys.readouterr().out == "all kernels have run\n"
+
+
+def test_the_adapter_of_gsplat_is_tested_beside_a_gsplat(tmp_path, monkeypatch):
+    running = on_a_gpu(tmp_path, "gsplat tests")
+    assert running.wants_gsplat()
+    asked: list[tuple[str, ...]] = []
+    monkeypatch.setattr(running, "_test", lambda *asked_for: asked.append(asked_for))
+    running.gsplat_tests(SimpleNamespace(environment={"PYTHONPATH": "gsplat"}))
+    assert asked == [("gsplat tests", full(None).gsplat_tests, {"PYTHONPATH": "gsplat"})]
 
 
 def profile_table() -> str:
