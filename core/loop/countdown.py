@@ -14,6 +14,11 @@ RECENT_REPORTS = 9
 pause, or a checkpoint, falls between two of them and does not count."""
 
 
+PREDICT_SECONDS = 0.5
+"""A prediction holds for so long: it takes as long as a step of a small scene on a GPU, which may
+report a hundred times a second."""
+
+
 class Countdown:
     """Remaining time of a run; its owner forwards steps, reports and evaluations to it.
 
@@ -42,8 +47,9 @@ class Countdown:
         self._remaining.observe(
             report.step, report.num_gaussians, report.resolution, report.step_ms / 1e3, waiting
         )
-        self._seconds = self._remaining.seconds(self.stretch)
-        self._estimated = now
+        if self._seconds is None or now - self._estimated >= PREDICT_SECONDS:
+            self._seconds = self._remaining.seconds(self.stretch)
+            self._estimated = now
 
     @property
     def stretch(self) -> float:
