@@ -23,7 +23,7 @@ from gsfw.studies.entrants import choose_on_device
 RASTERIZERS = {"cuda": ("cuda", "cuda:deterministic"), "cpu": ("reference",)}
 """Rasterizers by type of device."""
 
-SPLATS, WIDTH, HEIGHT = 2000, 160, 104
+SPLATS, WIDTH, HEIGHT = 500, 96, 64
 
 
 def main() -> int:
