@@ -107,13 +107,15 @@ class Optimizer:
 
     def places(self) -> tuple[object, ...]:
         """A value that differs once columns or moments have other memory, or others are stepped."""
-        tensors, columns = self._tensors(), self._model.columns().values()
-        moments = (state for name in tensors for state in self.moments(name))
-        held = [tensor for group in tensors.values() for tensor in group]
+        columns, groups = self._model.columns(), self._groups()
+        names = [name for name, column in columns.items() if column.trained]
+        names += [group.name for group in groups]
+        moments = [state for name in names for state in self.moments(name)]
+        held = [column.values for column in columns.values()]
+        held += [column.offsets for column in columns.values() if column.offsets is not None]
+        held += [tensor for group in groups for tensor in group.parameters]
         held += [part for state in moments for part in (state.first, state.second, state.count)]
-        held += [column.values for column in columns if not column.trained]
-        held += [column.offsets for column in columns if column.offsets is not None]
-        places = tuple((tensor.data_ptr(), len(tensor) if tensor.dim() else 1) for tensor in held)
+        places = tuple((tensor.data_ptr(), tensor.numel()) for tensor in held)
         return places, tuple(sorted(self._frozen)), self._model.active_bands()
 
     def group_tensors(self) -> list[Tensor]:
