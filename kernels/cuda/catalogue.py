@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import torch
 
+from gsfw.kernels.cuda.field_jobs import PlaneProductBackwardJob, PlaneProductJob
 from gsfw.kernels.cuda.instances import NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
     BlendBackwardJob,
@@ -42,7 +43,13 @@ def catalogue(dtype: torch.dtype = torch.float32, degrees: Sequence[int] = DEGRE
         degrees: those of the spherical harmonics to project with.
     """
     number = NAMES[dtype]
-    return [*_projections(dtype, degrees), *_blends(dtype), *_bins(dtype), *_steps(number)]
+    return [
+        *_projections(dtype, degrees),
+        *_blends(dtype),
+        *_bins(dtype),
+        *_steps(number),
+        *_fields(number),
+    ]
 
 
 def _projections(dtype: torch.dtype, degrees: Sequence[int]) -> list[Entry]:
@@ -87,4 +94,14 @@ def _steps(number: str) -> list[Entry]:
         (Kernel("adam.cu", f"begin_adam<{number}>"), AdamJob),
         (Kernel("adam.cu", f"adam<{number}>"), AdamJob),
         (Kernel("finite.cu", f"check_finite<{number}>"), FiniteJob),
+    ]
+
+
+def _fields(number: str) -> list[Entry]:
+    return [
+        (Kernel("plane_product.cu", f"plane_product<{number}>"), PlaneProductJob),
+        (
+            Kernel("plane_product.cu", f"plane_product_backward<{number}>"),
+            PlaneProductBackwardJob,
+        ),
     ]

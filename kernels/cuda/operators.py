@@ -11,17 +11,21 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from gsfw.core.operators import AdamSettings, AdamUpdate, Operators
-from gsfw.kernels.cuda import step_jobs
+from gsfw.kernels.cuda import field, step_jobs
 from gsfw.kernels.cuda.adam import ALIGNMENT, adam_table, step_tables
 from gsfw.kernels.cuda.availability import unavailable
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.kernels.cuda.instances import NAMES, kernel_of
-from gsfw.kernels.cuda.launcher import Launcher, address
+from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
 from gsfw.kernels.cuda.step_jobs import AdamTable
 
 
 class CudaOperators(Operators):
-    """Operators over CUDA kernels; the host never waits, and repeating gives the same bits."""
+    """Operators over CUDA kernels; the host never waits.
+
+    Repeating gives the same bits, but for the gradients of planes: atomics add them in no fixed
+    order. Where torch is told to use deterministic algorithms, planes are left to it.
+    """
 
     def __init__(self, launcher: Launcher | None = None) -> None:
         """Without ``launcher`` kernels run on the device that the tensors are on."""
@@ -39,10 +43,9 @@ class CudaOperators(Operators):
         valid: Bool[Tensor, "c h w 1"] | None = None,
     ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
         """Mean absolute difference, and 1 - SSIM, over the valid pixels; both differentiable."""
-        launcher = self._launcher([rendered, target])
+        launcher = self._differentiating([rendered, target])
         fitting = rendered.shape == target.shape and _covers(valid, rendered)
-        plain = target.requires_grad or _tangents([rendered, target]) or rendered.numel() == 0
-        if launcher is None or not fitting or plain:
+        if launcher is None or not fitting or target.requires_grad or rendered.numel() == 0:
             return super().l1_dssim(rendered, target, valid)
         mask = None if valid is None else valid.contiguous().view(torch.uint8)
         return _L1Dssim.apply(rendered.contiguous(), target.contiguous(), mask, launcher)
@@ -97,11 +100,28 @@ class CudaOperators(Operators):
             job.numbers[index] = address(tensor)
             job.counts[index] = tensor.numel()
             job.first_blocks[index] = blocks
-            blocks += _blocks(tensor.numel(), step_jobs.FINITE_NUMBERS)
+            blocks += blocks_for(tensor.numel(), step_jobs.FINITE_NUMBERS)
         for index in range(len(tensors), step_jobs.FINITE_TENSORS):
             job.first_blocks[index] = blocks
         kernel = kernel_of("finite.cu", "check_finite", tensors[0].dtype)
         launcher.launch(kernel, blocks, step_jobs.FINITE_THREADS, job)
+
+    def plane_product(
+        self,
+        places: Float[Tensor, "n 3"],
+        planes: Sequence[Float[Tensor, "3 _ _ d"]],
+        lines: Sequence[Float[Tensor, "3 _ d"]],
+        scale: float,
+    ) -> Float[Tensor, "n f"]:
+        """Products of six interpolated features, of all resolutions in one launch."""
+        launcher = self._differentiating([places, *planes, *lines])
+        if launcher is None or field.ordered() or not field.fits_planes(places, planes, lines):
+            return super().plane_product(places, planes, lines, scale)
+        return field.plane_product(launcher, places, planes, lines, scale)
+
+    def _differentiating(self, tensors: Sequence[Tensor]) -> Launcher | None:
+        """The launcher of kernels with a backward pass; ``None`` if they do not serve these."""
+        return None if _tangents(tensors) else self._launcher(tensors)
 
     def _launcher(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels on these tensors; ``None`` if there is none."""
@@ -193,15 +213,10 @@ def _comparison(rendered: Tensor, target: Tensor, valid: Tensor | None) -> step_
     )
 
 
-def _blocks(numbers: int, per_block: int) -> int:
-    """Blocks that together answer for so many numbers."""
-    return -(-numbers // per_block)
-
-
 def _tiles(images: Tensor) -> int:
     """Blocks that together answer for images [c, h, w, d]."""
     c, h, w, _ = images.shape
-    return c * _blocks(h, step_jobs.SSIM_HEIGHT) * _blocks(w, step_jobs.SSIM_WIDTH)
+    return c * blocks_for(h, step_jobs.SSIM_HEIGHT) * blocks_for(w, step_jobs.SSIM_WIDTH)
 
 
 def _aligned(tensors: Sequence[Tensor]) -> bool:

@@ -42,6 +42,8 @@ REGISTERS = {
     "begin_adam": 40,
     "adam": 48,
     "check_finite": 48,
+    "plane_product": 64,
+    "plane_product_backward": 96,
     **{
         f"project<float, {shape}, {degree}, true>": 96
         for shape in ("Axes<float>", "Symmetric3<float>")

@@ -1,0 +1,136 @@
+"""Temporal fields in CUDA kernels: products of planes.
+
+In the backward pass rows whose incoming gradient is zero (no pixel shows them) are left out. The
+gradients of cells are sums of atomics, in no fixed order; see ``ordered``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from gsfw.kernels.cuda import field_jobs
+from gsfw.kernels.cuda.instances import kernel_of
+from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
+from gsfw.kernels.cuda.step_jobs import WARP
+
+INDEX_LIMIT = 2**31
+"""Numbers of a table that kernels index are fewer."""
+
+ALIGNED_NUMBERS = 64
+"""Each gradient of several in one allocation begins at a multiple of so many numbers."""
+
+WARPS = field_jobs.PLANE_THREADS // WARP
+"""Places of a block of ``plane_product``."""
+
+
+def ordered() -> bool:
+    """True if torch is told to use deterministic algorithms: sums without order are left to it."""
+    return torch.are_deterministic_algorithms_enabled()
+
+
+def fits_planes(
+    places: Float[Tensor, "n 3"],
+    planes: Sequence[Float[Tensor, "3 _ _ d"]],
+    lines: Sequence[Float[Tensor, "3 _ d"]],
+) -> bool:
+    """True if ``plane_product`` takes tensors of these shapes."""
+    channels = planes[0].shape[-1]
+    alike = len(planes) == len(lines) <= field_jobs.PLANE_LEVELS and all(
+        plane.shape == (3, line.shape[1], line.shape[1], channels)
+        and line.shape == (3, line.shape[1], channels)
+        and line.shape[1] > 1
+        and plane.numel() < INDEX_LIMIT
+        for plane, line in zip(planes, lines, strict=True)
+    )
+    return alike and channels > 0 and len(places) > 0 and places.shape[1] == 3
+
+
+def plane_product(
+    launcher: Launcher,
+    places: Float[Tensor, "n 3"],
+    planes: Sequence[Float[Tensor, "3 _ _ d"]],
+    lines: Sequence[Float[Tensor, "3 _ d"]],
+    scale: float,
+) -> Float[Tensor, "n f"]:
+    """``Operators.plane_product`` for tensors that fit."""
+    features: Tensor = _PlaneProduct.apply(launcher, places, scale, *planes, *lines)
+    return features
+
+
+class _PlaneProduct(torch.autograd.Function):
+    """Interpolates six factors and multiplies them; backward interpolates them again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        launcher: Launcher,
+        places: Tensor,
+        scale: float,
+        *tables: Tensor,
+    ) -> Tensor:
+        places, tables = places.contiguous(), tuple(table.contiguous() for table in tables)
+        job = _plane_job(places, tables, scale)
+        features = places.new_empty(len(places), job.level_count * job.channels)
+        job.features = address(features)
+        kernel = kernel_of("plane_product.cu", "plane_product", places.dtype)
+        launcher.launch(kernel, blocks_for(len(places), WARPS), field_jobs.PLANE_THREADS, job)
+        ctx.save_for_backward(places, *tables)
+        ctx.launcher, ctx.scale = launcher, scale
+        return features
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        places, *tables = ctx.saved_tensors
+        gradient = gradient.contiguous()
+        to_places = torch.empty_like(places) if ctx.needs_input_grad[1] else None
+        to_tables = _zeros_like(tables, ctx.needs_input_grad[3:])
+        job = field_jobs.PlaneProductBackwardJob(
+            forward=_plane_job(places, tables, ctx.scale),
+            gradient=address(gradient),
+            places=address(to_places),
+        )
+        levels = len(tables) // 2
+        for level in range(levels):
+            planes, lines = to_tables[level], to_tables[levels + level]
+            job.levels[level] = field_jobs.PlaneGradients(address(planes), address(lines))
+        kernel = kernel_of("plane_product.cu", "plane_product_backward", places.dtype)
+        blocks = blocks_for(len(places), WARPS)
+        ctx.launcher.launch(kernel, blocks, field_jobs.PLANE_THREADS, job)
+        return None, to_places, None, *to_tables
+
+
+def _plane_job(
+    places: Tensor, tables: Sequence[Tensor], scale: float
+) -> field_jobs.PlaneProductJob:
+    """The job of planes, and then lines, by resolution; without features."""
+    count = len(tables) // 2
+    job = field_jobs.PlaneProductJob(
+        places=address(places),
+        count=len(places),
+        scale=scale,
+        level_count=count,
+        channels=tables[0].shape[-1],
+    )
+    for level, (planes, lines) in enumerate(zip(tables[:count], tables[count:], strict=True)):
+        job.levels[level] = field_jobs.PlaneLevel(address(planes), address(lines), lines.shape[1])
+    return job
+
+
+def _zeros_like(tables: Sequence[Tensor], wanted: Sequence[bool]) -> list[Tensor | None]:
+    """Zeros in the shape of each table that is wanted, set by one operation for all."""
+    sizes = [
+        blocks_for(table.numel(), ALIGNED_NUMBERS) * ALIGNED_NUMBERS if want else 0
+        for table, want in zip(tables, wanted, strict=True)
+    ]
+    parts = tables[0].new_zeros(sum(sizes)).split(sizes)
+    return [
+        part[: table.numel()].view(table.shape) if want else None
+        for part, table, want in zip(parts, tables, wanted, strict=True)
+    ]

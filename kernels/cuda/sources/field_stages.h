@@ -1,0 +1,61 @@
+// Arguments of the kernels of temporal fields: plain structures, mirrored field by field in
+// kernels/cuda/field_jobs.py.
+//
+// As in stages.h, arrays are untyped, plain numbers are doubles, and what is absent is null.
+#pragma once
+
+#include "platform.h"
+
+namespace gsfw {
+namespace cuda {
+
+/// Threads of a block of ``plane_product`` and its backward pass, of which a warp has a place to
+/// itself, and the most resolutions.
+constexpr int PLANE_THREADS = 128;
+constexpr int PLANE_LEVELS = 8;
+
+/// Planes of one resolution.
+struct PlaneLevel {
+  /// T [3, side, side, channels]: planes xy, xz and yz.
+  const void* planes;
+  /// T [3, side, channels]: the time planes xt, yt and zt, read at one time.
+  const void* lines;
+  int side;
+  int unused;
+};
+
+/// plane_product<T>: products of six interpolated features.
+struct PlaneProductJob {
+  /// The first ``level_count`` are there.
+  PlaneLevel levels[PLANE_LEVELS];
+  /// T [count, 3] in [-1, 1]; constant beyond.
+  const void* places;
+  int64 count;
+  /// Factor of every product.
+  double scale;
+  int level_count;
+  int channels;
+  /// T [count, level_count * channels]
+  void* features;
+};
+
+/// Where gradients of the planes of one resolution are added: null where they are not wanted.
+struct PlaneGradients {
+  void* planes;
+  void* lines;
+};
+
+/// plane_product_backward<T>: gradients of the planes, which are added to what is there, and of
+/// the places.
+struct PlaneProductBackwardJob {
+  /// Without features.
+  PlaneProductJob forward;
+  PlaneGradients levels[PLANE_LEVELS];
+  /// T [count, level_count * channels]
+  const void* gradient;
+  /// T [count, 3]; null where it is not wanted.
+  void* places;
+};
+
+}  // namespace cuda
+}  // namespace gsfw
