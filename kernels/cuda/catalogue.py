@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import torch
 
-from gsfw.kernels.cuda.field_jobs import PlaneProductBackwardJob, PlaneProductJob
+from gsfw.kernels.cuda.field_jobs import (
+    GridDistanceJob,
+    GridVariationJob,
+    PenaltyJob,
+    PlaneProductBackwardJob,
+    PlaneProductJob,
+)
 from gsfw.kernels.cuda.instances import NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
     BlendBackwardJob,
@@ -99,9 +105,14 @@ def _steps(number: str) -> list[Entry]:
 
 def _fields(number: str) -> list[Entry]:
     return [
-        (Kernel("plane_product.cu", f"plane_product<{number}>"), PlaneProductJob),
-        (
-            Kernel("plane_product.cu", f"plane_product_backward<{number}>"),
-            PlaneProductBackwardJob,
-        ),
+        (Kernel(f"{source}.cu", f"{name}<{number}>"), job)
+        for source, name, job in (
+            ("plane_product", "plane_product", PlaneProductJob),
+            ("plane_product", "plane_product_backward", PlaneProductBackwardJob),
+            ("grid_variation", "grid_variation", GridVariationJob),
+            ("grid_variation", "grid_variation_backward", GridVariationJob),
+            ("grid_variation", "grid_distance", GridDistanceJob),
+            ("grid_variation", "grid_distance_backward", GridDistanceJob),
+            ("grid_variation", "add_penalty", PenaltyJob),
+        )
     ]

@@ -10,6 +10,8 @@ from gsfw.kernels.cuda.source_files import constant
 
 PLANE_THREADS = constant("field_stages.h", "PLANE_THREADS")
 PLANE_LEVELS = constant("field_stages.h", "PLANE_LEVELS")
+GRID_THREADS = constant("field_stages.h", "GRID_THREADS")
+GRID_NUMBERS = constant("field_stages.h", "GRID_NUMBERS")
 
 
 class PlaneLevel(ctypes.Structure):
@@ -52,3 +54,45 @@ class PlaneProductBackwardJob(ctypes.Structure):
         ("gradient", POINTER),
         ("places", POINTER),
     ]
+
+
+class GridNumbers(ctypes.Structure):
+    """Numbers of a grid that is penalised."""
+
+    _fields_: ClassVar = [
+        ("values", POINTER),
+        ("count", INT64),
+        ("sums", POINTER),
+        ("arriving", POINTER),
+        ("gradient", POINTER),
+    ]
+
+
+class GridAxis(ctypes.Structure):
+    """An axis along which neighbours are compared."""
+
+    _fields_: ClassVar = [("cells", INT), ("stride", INT), ("weight", DOUBLE)]
+
+
+class GridVariationJob(ctypes.Structure):
+    """Arguments of ``grid_variation`` and ``grid_variation_backward``."""
+
+    _fields_: ClassVar = [
+        ("grid", GridNumbers),
+        ("first", GridAxis),
+        ("second", GridAxis),
+        ("order", INT),
+        ("unused", INT),
+    ]
+
+
+class GridDistanceJob(ctypes.Structure):
+    """Arguments of ``grid_distance`` and ``grid_distance_backward``."""
+
+    _fields_: ClassVar = [("grid", GridNumbers), ("center", DOUBLE), ("weight", DOUBLE)]
+
+
+class PenaltyJob(ctypes.Structure):
+    """Arguments of ``add_penalty``."""
+
+    _fields_: ClassVar = [("sums", POINTER), ("blocks", INT64), ("value", POINTER)]

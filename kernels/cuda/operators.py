@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from gsfw.core.operators import AdamSettings, AdamUpdate, Operators
-from gsfw.kernels.cuda import field, step_jobs
+from gsfw.kernels.cuda import field, penalties, step_jobs
 from gsfw.kernels.cuda.adam import ALIGNMENT, adam_table, step_tables
 from gsfw.kernels.cuda.availability import unavailable
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
@@ -118,6 +118,30 @@ class CudaOperators(Operators):
         if launcher is None or field.ordered() or not field.fits_planes(places, planes, lines):
             return super().plane_product(places, planes, lines, scale)
         return field.plane_product(launcher, places, planes, lines, scale)
+
+    def squared_differences(
+        self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
+    ) -> Float[Tensor, ""]:
+        """Mean squared differences of neighbouring cells, of one axis, or two in turn."""
+        launcher = self._penalising(grid)
+        found = (
+            penalties.squared_differences(launcher, grid, axes, order, weight) if launcher else None
+        )
+        return super().squared_differences(grid, axes, order, weight) if found is None else found
+
+    def mean_distance(
+        self, values: Float[Tensor, "*cells"], center: float, weight: float
+    ) -> Float[Tensor, ""]:
+        """``weight`` times the mean of |value - center|."""
+        launcher = self._penalising(values)
+        if launcher is None:
+            return super().mean_distance(values, center, weight)
+        return penalties.mean_distance(launcher, values, center, weight)
+
+    def _penalising(self, grid: Tensor) -> Launcher | None:
+        """The launcher of regularisers of a grid; ``None`` if they do not serve it."""
+        fits = 0 < grid.numel() < penalties.COUNT_LIMIT
+        return self._differentiating([grid]) if fits else None
 
     def _differentiating(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels with a backward pass; ``None`` if they do not serve these."""

@@ -36,9 +36,12 @@ def gradients(
         if flow.dim() > 0:
             flow[::silent] = 0
         flows.append(flow.to(place))
-    torch.autograd.backward(outputs, flows)
-    found = [output.detach() for output in outputs] + [leaf.grad for leaf in leaves]
-    return [value.cpu() for value in found]
+    # Torch's own value has no gradient where no two cells are compared.
+    pairs = [pair for pair in zip(outputs, flows, strict=True) if pair[0].requires_grad]
+    if pairs:
+        torch.autograd.backward(*zip(*pairs, strict=True))
+    moved = [torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in leaves]
+    return [value.detach().cpu() for value in (*outputs, *moved)]
 
 
 def agree(

@@ -14,6 +14,11 @@ namespace cuda {
 constexpr int PLANE_THREADS = 128;
 constexpr int PLANE_LEVELS = 8;
 
+/// Threads of a block of ``grid_variation``, ``grid_distance``, their backward passes and
+/// ``add_penalty``, and the numbers of a block.
+constexpr int GRID_THREADS = 256;
+constexpr int GRID_NUMBERS = 4096;
+
 /// Planes of one resolution.
 struct PlaneLevel {
   /// T [3, side, side, channels]: planes xy, xz and yz.
@@ -55,6 +60,52 @@ struct PlaneProductBackwardJob {
   const void* gradient;
   /// T [count, 3]; null where it is not wanted.
   void* places;
+};
+
+/// Numbers of a grid that is penalised, and what a pass makes of them.
+struct GridNumbers {
+  /// T [count], less than 2^31.
+  const void* values;
+  int64 count;
+  /// [blocks]: the parts of the penalty; of the forward pass.
+  double* sums;
+  /// T: the gradient of the penalty. T [count]: that of the numbers. Both of the backward pass.
+  const void* arriving;
+  void* gradient;
+};
+
+/// An axis along which neighbours are compared.
+struct GridAxis {
+  /// Cells along it, and numbers from a cell to the next.
+  int cells, stride;
+  /// Factor of the squared differences.
+  double weight;
+};
+
+/// grid_variation<T> and grid_variation_backward<T>: squared differences of the cells of a grid
+/// [outer, first, second, inner].
+struct GridVariationJob {
+  GridNumbers grid;
+  GridAxis first, second;
+  /// 1 for first differences along both axes, 2 for second differences along the first.
+  int order;
+  int unused;
+};
+
+/// grid_distance<T> and grid_distance_backward<T>: distances from a constant.
+struct GridDistanceJob {
+  GridNumbers grid;
+  double center;
+  /// Factor of every distance.
+  double weight;
+};
+
+/// add_penalty<T>: the penalty, from its parts.
+struct PenaltyJob {
+  const double* sums;
+  int64 blocks;
+  /// T
+  void* value;
 };
 
 }  // namespace cuda

@@ -43,7 +43,9 @@ REGISTERS = {
     "adam": 48,
     "check_finite": 48,
     "plane_product": 64,
-    "plane_product_backward": 96,
+    "plane_product_backward": 64,
+    **dict.fromkeys(("grid_variation", "grid_variation_backward", "add_penalty"), 40),
+    **dict.fromkeys(("grid_distance", "grid_distance_backward"), 40),
     **{
         f"project<float, {shape}, {degree}, true>": 96
         for shape in ("Axes<float>", "Symmetric3<float>")
