@@ -13,6 +13,8 @@ from gsfw.kernels.cuda.field_jobs import (
     PenaltyJob,
     PlaneProductBackwardJob,
     PlaneProductJob,
+    SliceBackwardJob,
+    SliceJob,
 )
 from gsfw.kernels.cuda.instances import NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
@@ -114,5 +116,7 @@ def _fields(number: str) -> list[Entry]:
             ("grid_variation", "grid_distance", GridDistanceJob),
             ("grid_variation", "grid_distance_backward", GridDistanceJob),
             ("grid_variation", "add_penalty", PenaltyJob),
+            ("slice", "slice", SliceJob),
+            ("slice", "slice_backward", SliceBackwardJob),
         )
     ]

@@ -1,4 +1,4 @@
-"""Temporal fields in CUDA kernels: products of planes.
+"""Temporal fields in CUDA kernels: products of planes, and slices.
 
 In the backward pass rows whose incoming gradient is zero (no pixel shows them) are left out. The
 gradients of cells are sums of atomics, in no fixed order; see ``ordered``.
@@ -14,6 +14,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from gsfw.core.maths.slices import Slices
+from gsfw.core.operators import Operators
 from gsfw.kernels.cuda import field_jobs
 from gsfw.kernels.cuda.instances import kernel_of
 from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
@@ -63,6 +65,16 @@ def plane_product(
     return features
 
 
+def slices(
+    launcher: Launcher,
+    left: Float[Tensor, "n 4"],
+    right: Float[Tensor, "n 4"],
+    scales: Float[Tensor, "n 4"],
+) -> Slices:
+    """``Operators.slices`` for at least one row."""
+    return Slices(*_Slices.apply(launcher, left, right, scales))
+
+
 class _PlaneProduct(torch.autograd.Function):
     """Interpolates six factors and multiplies them; backward interpolates them again."""
 
@@ -104,6 +116,53 @@ class _PlaneProduct(torch.autograd.Function):
         blocks = blocks_for(len(places), WARPS)
         ctx.launcher.launch(kernel, blocks, field_jobs.PLANE_THREADS, job)
         return None, to_places, None, *to_tables
+
+
+class _Slices(torch.autograd.Function):
+    """Slices rows; backward slices them again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        launcher: Launcher,
+        *given: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        dense = [tensor.contiguous() for tensor in given]
+        count = len(dense[0])
+        covariances = dense[0].new_empty(count, 3, 3)
+        velocities, variances = covariances.new_empty(count, 3), covariances.new_empty(count)
+        job = _slice_job(dense)
+        job.covariances, job.velocities = address(covariances), address(velocities)
+        job.variances = address(variances)
+        kernel = kernel_of("slice.cu", "slice", dense[0].dtype)
+        blocks = blocks_for(count, field_jobs.SLICE_THREADS)
+        launcher.launch(kernel, blocks, field_jobs.SLICE_THREADS, job)
+        ctx.save_for_backward(*given)
+        ctx.launcher = launcher
+        return covariances, velocities, variances
+
+    @staticmethod
+    def backward(ctx: Any, *arriving: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        given = ctx.saved_tensors
+        if torch.is_grad_enabled():  # These gradients are to be differentiated again.
+            wanted = [tensor for tensor in given if tensor.requires_grad]
+            slices = Operators().slices(*given)
+            again = iter(torch.autograd.grad(slices, wanted, arriving, create_graph=True))
+            return None, *(next(again) if tensor.requires_grad else None for tensor in given)
+        dense = [tensor.contiguous() for tensor in given]
+        flows = [gradient.contiguous() for gradient in arriving]
+        found = [torch.empty_like(tensor) for tensor in dense]
+        job = field_jobs.SliceBackwardJob(_slice_job(dense), *map(address, (*flows, *found)))
+        kernel = kernel_of("slice.cu", "slice_backward", dense[0].dtype)
+        blocks = blocks_for(len(dense[0]), field_jobs.SLICE_THREADS)
+        ctx.launcher.launch(kernel, blocks, field_jobs.SLICE_THREADS, job)
+        return None, *found
+
+
+def _slice_job(given: Sequence[Tensor]) -> field_jobs.SliceJob:
+    """The job of left and right quaternions and scales; without slices."""
+    left, right, scales = map(address, given)
+    return field_jobs.SliceJob(left=left, right=right, scales=scales, count=len(given[0]))
 
 
 def _plane_job(

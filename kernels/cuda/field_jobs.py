@@ -12,6 +12,7 @@ PLANE_THREADS = constant("field_stages.h", "PLANE_THREADS")
 PLANE_LEVELS = constant("field_stages.h", "PLANE_LEVELS")
 GRID_THREADS = constant("field_stages.h", "GRID_THREADS")
 GRID_NUMBERS = constant("field_stages.h", "GRID_NUMBERS")
+SLICE_THREADS = constant("field_stages.h", "SLICE_THREADS")
 
 
 class PlaneLevel(ctypes.Structure):
@@ -96,3 +97,31 @@ class PenaltyJob(ctypes.Structure):
     """Arguments of ``add_penalty``."""
 
     _fields_: ClassVar = [("sums", POINTER), ("blocks", INT64), ("value", POINTER)]
+
+
+class SliceJob(ctypes.Structure):
+    """Arguments of ``slice``."""
+
+    _fields_: ClassVar = [
+        ("left", POINTER),
+        ("right", POINTER),
+        ("scales", POINTER),
+        ("count", INT64),
+        ("covariances", POINTER),
+        ("velocities", POINTER),
+        ("variances", POINTER),
+    ]
+
+
+class SliceBackwardJob(ctypes.Structure):
+    """Arguments of ``slice_backward``."""
+
+    _fields_: ClassVar = [
+        ("forward", SliceJob),
+        ("covariances", POINTER),
+        ("velocities", POINTER),
+        ("variances", POINTER),
+        ("left", POINTER),
+        ("right", POINTER),
+        ("scales", POINTER),
+    ]

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import AdamSettings, AdamUpdate, Operators
 from gsfw.kernels.cuda import field, penalties, step_jobs
 from gsfw.kernels.cuda.adam import ALIGNMENT, adam_table, step_tables
@@ -118,6 +119,19 @@ class CudaOperators(Operators):
         if launcher is None or field.ordered() or not field.fits_planes(places, planes, lines):
             return super().plane_product(places, planes, lines, scale)
         return field.plane_product(launcher, places, planes, lines, scale)
+
+    def slices(
+        self,
+        left: Float[Tensor, "n 4"],
+        right: Float[Tensor, "n 4"],
+        scales: Float[Tensor, "n 4"],
+    ) -> Slices:
+        """Slices of Gaussians of space and time, in one launch."""
+        launcher = self._differentiating([left, right, scales])
+        fits = left.shape == right.shape == scales.shape and len(left) > 0
+        if launcher is None or not fits:
+            return super().slices(left, right, scales)
+        return field.slices(launcher, left, right, scales)
 
     def squared_differences(
         self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float

@@ -19,6 +19,9 @@ constexpr int PLANE_LEVELS = 8;
 constexpr int GRID_THREADS = 256;
 constexpr int GRID_NUMBERS = 4096;
 
+/// Threads of a block of ``slice`` and its backward pass.
+constexpr int SLICE_THREADS = 128;
+
 /// Planes of one resolution.
 struct PlaneLevel {
   /// T [3, side, side, channels]: planes xy, xz and yz.
@@ -106,6 +109,31 @@ struct PenaltyJob {
   int64 blocks;
   /// T
   void* value;
+};
+
+/// slice<T>: slices of Gaussians of space and time.
+struct SliceJob {
+  /// T [count, 4]: left and right quaternions, wxyz, of any norm; scales along x, y, z, t.
+  const void* left;
+  const void* right;
+  const void* scales;
+  int64 count;
+  /// T [count, 3, 3], [count, 3], [count]
+  void* covariances;
+  void* velocities;
+  void* variances;
+};
+
+/// slice_backward<T>: from the gradients of slices to those of quaternions and scales.
+struct SliceBackwardJob {
+  /// Without slices.
+  SliceJob forward;
+  const void* covariances;
+  const void* velocities;
+  const void* variances;
+  void* left;
+  void* right;
+  void* scales;
 };
 
 }  // namespace cuda
