@@ -10,13 +10,15 @@ import torch
 from gsfw.kernels.cuda.field_jobs import (
     GridDistanceJob,
     GridVariationJob,
+    HashBackwardJob,
+    HashJob,
     PenaltyJob,
     PlaneProductBackwardJob,
     PlaneProductJob,
     SliceBackwardJob,
     SliceJob,
 )
-from gsfw.kernels.cuda.instances import NAMES, Instances
+from gsfw.kernels.cuda.instances import HASH_WIDTHS, NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
     BlendBackwardJob,
     BlendJob,
@@ -106,7 +108,7 @@ def _steps(number: str) -> list[Entry]:
 
 
 def _fields(number: str) -> list[Entry]:
-    return [
+    entries: list[Entry] = [
         (Kernel(f"{source}.cu", f"{name}<{number}>"), job)
         for source, name, job in (
             ("plane_product", "plane_product", PlaneProductJob),
@@ -120,3 +122,9 @@ def _fields(number: str) -> list[Entry]:
             ("slice", "slice_backward", SliceBackwardJob),
         )
     ]
+    for width in HASH_WIDTHS:
+        arguments = f"{number}, {width}"
+        forward = Kernel("hash_features.cu", f"hash_features<{arguments}>")
+        backward = Kernel("hash_features.cu", f"hash_features_backward<{arguments}>")
+        entries += [(forward, HashJob), (backward, HashBackwardJob)]
+    return entries

@@ -1,4 +1,4 @@
-"""Temporal fields in CUDA kernels: products of planes, and slices.
+"""Temporal fields in CUDA kernels: products of planes, hash grids, and slices.
 
 In the backward pass rows whose incoming gradient is zero (no pixel shows them) are left out. The
 gradients of cells are sums of atomics, in no fixed order; see ``ordered``.
@@ -17,7 +17,7 @@ from torch.autograd.function import once_differentiable
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda import field_jobs
-from gsfw.kernels.cuda.instances import kernel_of
+from gsfw.kernels.cuda.instances import HASH_WIDTHS, kernel_of
 from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
 from gsfw.kernels.cuda.step_jobs import WARP
 
@@ -62,6 +62,38 @@ def plane_product(
 ) -> Float[Tensor, "n f"]:
     """``Operators.plane_product`` for tensors that fit."""
     features: Tensor = _PlaneProduct.apply(launcher, places, scale, *planes, *lines)
+    return features
+
+
+def fits_tables(
+    places: Float[Tensor, "n 3"],
+    time: Float[Tensor, ""],
+    tables: Sequence[Float[Tensor, "_ d"]],
+    sizes: Sequence[tuple[int, int]],
+) -> bool:
+    """True if ``hash_features`` takes tensors of these shapes."""
+    channels = tables[0].shape[1]
+    alike = len(tables) == len(sizes) <= field_jobs.HASH_LEVELS and all(
+        table.shape[1] == channels
+        and 0 < table.numel() < INDEX_LIMIT
+        and min(size) >= 2
+        and max(size) < INDEX_LIMIT
+        for table, size in zip(tables, sizes, strict=True)
+    )
+    numbers = len(places) * len(tables) * channels
+    return alike and 0 < numbers < INDEX_LIMIT and places.shape[1] == 3 and time.numel() == 1
+
+
+def hash_features(
+    launcher: Launcher,
+    places: Float[Tensor, "n 3"],
+    time: Float[Tensor, ""],
+    tables: Sequence[Float[Tensor, "_ d"]],
+    sizes: Sequence[tuple[int, int]],
+) -> Float[Tensor, "n f"]:
+    """``Operators.hash_features`` for tensors that fit."""
+    given = (places.detach(), time.detach().to(places))
+    features: Tensor = _HashFeatures.apply(launcher, *given, tuple(sizes), *tables)
     return features
 
 
@@ -116,6 +148,75 @@ class _PlaneProduct(torch.autograd.Function):
         blocks = blocks_for(len(places), WARPS)
         ctx.launcher.launch(kernel, blocks, field_jobs.PLANE_THREADS, job)
         return None, to_places, None, *to_tables
+
+
+class _HashFeatures(torch.autograd.Function):
+    """Interpolates rows of tables; backward finds the rows again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        launcher: Launcher,
+        places: Tensor,
+        time: Tensor,
+        sizes: tuple[tuple[int, int], ...],
+        *tables: Tensor,
+    ) -> Tensor:
+        places, tables = places.contiguous(), tuple(table.contiguous() for table in tables)
+        job = _hash_job(places, time, tables, sizes)
+        features = places.new_empty(len(places), job.level_count * job.channels)
+        job.features = address(features)
+        width = _width(job.channels, [features, *tables])
+        kernel = kernel_of("hash_features.cu", "hash_features", places.dtype, width)
+        blocks = blocks_for(features.numel() // width, field_jobs.HASH_THREADS)
+        launcher.launch(kernel, blocks, field_jobs.HASH_THREADS, job)
+        ctx.save_for_backward(places, time, *tables)
+        ctx.launcher, ctx.sizes, ctx.width = launcher, sizes, width
+        return features
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        places, time, *tables = ctx.saved_tensors
+        gradient = gradient.contiguous()
+        to_tables = _zeros_like(tables, ctx.needs_input_grad[4:])
+        job = field_jobs.HashBackwardJob(
+            forward=_hash_job(places, time, tables, ctx.sizes), gradient=address(gradient)
+        )
+        for level, table in enumerate(to_tables):
+            job.tables[level] = address(table)
+        kernel = kernel_of("hash_features.cu", "hash_features_backward", places.dtype, ctx.width)
+        blocks = blocks_for(gradient.numel() // ctx.width, field_jobs.HASH_THREADS)
+        ctx.launcher.launch(kernel, blocks, field_jobs.HASH_THREADS, job)
+        return None, None, None, None, *to_tables
+
+
+def _hash_job(
+    places: Tensor, time: Tensor, tables: Sequence[Tensor], sizes: Sequence[tuple[int, int]]
+) -> field_jobs.HashJob:
+    """The job of tables, by resolution; without features."""
+    job = field_jobs.HashJob(
+        places=address(places),
+        time=address(time),
+        count=len(places),
+        level_count=len(tables),
+        channels=tables[0].shape[1],
+    )
+    for level, (table, (side, times)) in enumerate(zip(tables, sizes, strict=True)):
+        rows = len(table)
+        dense = side**3 * times <= rows
+        job.levels[level] = field_jobs.HashLevel(address(table), rows, side, times, dense)
+    return job
+
+
+def _width(channels: int, tensors: Sequence[Tensor]) -> int:
+    """Channels of a thread: they divide all, and lie at multiples of their number in memory."""
+    size = tensors[0].element_size()
+    return next(
+        width
+        for width in HASH_WIDTHS
+        if channels % width == 0 and all(t.data_ptr() % (width * size) == 0 for t in tensors)
+    )
 
 
 class _Slices(torch.autograd.Function):

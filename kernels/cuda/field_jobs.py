@@ -13,6 +13,8 @@ PLANE_LEVELS = constant("field_stages.h", "PLANE_LEVELS")
 GRID_THREADS = constant("field_stages.h", "GRID_THREADS")
 GRID_NUMBERS = constant("field_stages.h", "GRID_NUMBERS")
 SLICE_THREADS = constant("field_stages.h", "SLICE_THREADS")
+HASH_THREADS = constant("field_stages.h", "HASH_THREADS")
+HASH_LEVELS = constant("field_stages.h", "HASH_LEVELS")
 
 
 class PlaneLevel(ctypes.Structure):
@@ -124,4 +126,41 @@ class SliceBackwardJob(ctypes.Structure):
         ("left", POINTER),
         ("right", POINTER),
         ("scales", POINTER),
+    ]
+
+
+class HashLevel(ctypes.Structure):
+    """A table of a hash grid."""
+
+    _fields_: ClassVar = [
+        ("table", POINTER),
+        ("rows", INT64),
+        ("side", INT),
+        ("times", INT),
+        ("dense", INT),
+        ("unused", INT),
+    ]
+
+
+class HashJob(ctypes.Structure):
+    """Arguments of ``hash_features``."""
+
+    _fields_: ClassVar = [
+        ("levels", HashLevel * HASH_LEVELS),
+        ("places", POINTER),
+        ("time", POINTER),
+        ("count", INT64),
+        ("level_count", INT),
+        ("channels", INT),
+        ("features", POINTER),
+    ]
+
+
+class HashBackwardJob(ctypes.Structure):
+    """Arguments of ``hash_features_backward``."""
+
+    _fields_: ClassVar = [
+        ("forward", HashJob),
+        ("gradient", POINTER),
+        ("tables", POINTER * HASH_LEVELS),
     ]

@@ -24,8 +24,8 @@ from gsfw.kernels.cuda.step_jobs import AdamTable
 class CudaOperators(Operators):
     """Operators over CUDA kernels; the host never waits.
 
-    Repeating gives the same bits, but for the gradients of planes: atomics add them in no fixed
-    order. Where torch is told to use deterministic algorithms, planes are left to it.
+    Repeating gives the same bits, but for the gradients of planes and of hash grids: atomics add
+    them in no fixed order. Where torch is told to use deterministic algorithms, it gets these.
     """
 
     def __init__(self, launcher: Launcher | None = None) -> None:
@@ -119,6 +119,20 @@ class CudaOperators(Operators):
         if launcher is None or field.ordered() or not field.fits_planes(places, planes, lines):
             return super().plane_product(places, planes, lines, scale)
         return field.plane_product(launcher, places, planes, lines, scale)
+
+    def hash_features(
+        self,
+        places: Float[Tensor, "n 3"],
+        time: Float[Tensor, ""],
+        tables: Sequence[Float[Tensor, "_ d"]],
+        sizes: Sequence[tuple[int, int]],
+    ) -> Float[Tensor, "n f"]:
+        """Interpolated rows of a hash grid's tables, of all resolutions in one launch."""
+        launcher = self._differentiating([places, *tables])
+        fits = launcher and field.fits_tables(places, time, tables, sizes)
+        if launcher is None or field.ordered() or not fits:
+            return super().hash_features(places, time, tables, sizes)
+        return field.hash_features(launcher, places, time, tables, sizes)
 
     def slices(
         self,

@@ -22,6 +22,10 @@ constexpr int GRID_NUMBERS = 4096;
 /// Threads of a block of ``slice`` and its backward pass.
 constexpr int SLICE_THREADS = 128;
 
+/// Threads of a block of ``hash_features`` and its backward pass, and the most tables.
+constexpr int HASH_THREADS = 128;
+constexpr int HASH_LEVELS = 32;
+
 /// Planes of one resolution.
 struct PlaneLevel {
   /// T [3, side, side, channels]: planes xy, xz and yz.
@@ -134,6 +138,43 @@ struct SliceBackwardJob {
   void* left;
   void* right;
   void* scales;
+};
+
+/// A table of a hash grid.
+struct HashLevel {
+  /// T [rows, channels]
+  const void* table;
+  /// Less than 2^31, and a power of two unless ``dense``.
+  int64 rows;
+  /// Corners of cells along each axis of space, and along time; at least 2.
+  int side, times;
+  /// Each corner has a row of its own.
+  int dense;
+  int unused;
+};
+
+/// hash_features<T, WIDTH>: interpolated rows of tables. ``WIDTH`` divides the channels, and arrays
+/// begin at multiples of so many numbers.
+struct HashJob {
+  /// The first ``level_count`` are there.
+  HashLevel levels[HASH_LEVELS];
+  /// T [count, 3] in [-1, 1], and T in [0, 1]; constant beyond.
+  const void* places;
+  const void* time;
+  int64 count;
+  int level_count, channels;
+  /// T [count, level_count * channels], less than 2^31 numbers.
+  void* features;
+};
+
+/// hash_features_backward<T, WIDTH>: gradients of tables, which are added to what is there.
+struct HashBackwardJob {
+  /// Without features.
+  HashJob forward;
+  /// T [count, level_count * channels]
+  const void* gradient;
+  /// T [rows, channels] each; null where it is not wanted.
+  void* tables[HASH_LEVELS];
 };
 
 }  // namespace cuda

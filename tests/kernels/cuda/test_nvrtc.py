@@ -45,6 +45,8 @@ REGISTERS = {
     "plane_product": 64,
     "plane_product_backward": 64,
     **dict.fromkeys(("grid_variation", "grid_variation_backward", "add_penalty"), 40),
+    "hash_features": 64,
+    "hash_features_backward": 48,
     "slice": 64,
     "slice_backward": 128,
     **dict.fromkeys(("grid_distance", "grid_distance_backward"), 40),
