@@ -50,6 +50,23 @@ def test_the_host_waits_for_nothing(operators):
     assert moments.count == 2
 
 
+def test_the_host_waits_for_no_temporal_field(operators):
+    places, time = torch.rand(9, 3, requires_grad=True), torch.rand(())
+    planes, lines = torch.rand(3, 4, 4, 2, requires_grad=True), torch.rand(3, 4, 2)
+    table, quats = torch.rand(64, 2, requires_grad=True), torch.rand(9, 4, requires_grad=True)
+    with Waiting() as waiting:
+        parts = [
+            operators.plane_product(places, [planes], [lines], 1.0),
+            operators.hash_features(places, time, [table], [(4, 2)]),
+            *operators.slices(quats, quats, quats),
+            operators.squared_differences(planes, (1, 2), 1, 1.0),
+            operators.mean_distance(planes, 1.0, 1.0),
+        ]
+        sum(part.sum() for part in parts).backward()
+    assert waiting.found == []
+    assert all(tensor.grad.any() for tensor in (places, planes, table, quats))
+
+
 def test_a_gpu_with_kernels_is_served_before_anything_else(monkeypatch):
     monkeypatch.setattr(module, "unavailable", lambda: "")
     assert CudaOperators.preference(torch.device("cuda")) == 10
