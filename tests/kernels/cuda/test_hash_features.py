@@ -10,6 +10,7 @@ from support.calls import Calls, CountedLauncher
 from support.field_tensors import Function, agree, gradients, numbers
 from torch import Tensor
 
+from gsfw.core.loop.determinism import deterministic
 from gsfw.core.maths.hash_features import PRIMES
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.field_jobs import HASH_LEVELS
@@ -133,12 +134,11 @@ def test_what_kernels_do_not_take_goes_to_torch(case):
 
 
 def test_deterministic_algorithms_are_those_of_torch():
+    function, tables = hashed(numbers(5, 3, seed=0)), tables_of(torch.float64, 4)
     launcher = CountedLauncher()
-    torch.use_deterministic_algorithms(True)
-    try:
-        hashed(numbers(5, 3, seed=0))(CudaOperators(launcher), tables_of(torch.float64, 4))
-    finally:
-        torch.use_deterministic_algorithms(False)
+    with deterministic(torch.device("cpu")):
+        (found,) = function(CudaOperators(launcher), tables)
+    assert torch.equal(found, function(Operators(), tables)[0])
     assert launcher.launches == []
 
 

@@ -11,6 +11,7 @@ from support.field_tensors import agree, gradients, numbers
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from gsfw.core.loop.determinism import deterministic
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.field_jobs import PLANE_LEVELS
 from gsfw.kernels.cuda.operators import CudaOperators
@@ -146,11 +147,8 @@ def test_derivatives_carried_forward_are_left_to_torch():
 def test_deterministic_algorithms_are_those_of_torch():
     operators, launcher = counted()
     tensors = tensors_of(numbers(4, 3, seed=0), 4)
-    torch.use_deterministic_algorithms(True)
-    try:
+    with deterministic(torch.device("cpu")):
         found = product(operators, tensors)[0]
-    finally:
-        torch.use_deterministic_algorithms(False)
     assert torch.equal(found, product(Operators(), tensors)[0])
     assert launcher.launches == []
 
