@@ -73,7 +73,7 @@ def field_results(operators: Operators, tensors: list[Tensor], time: Tensor) -> 
 
 
 def test_the_host_waits_for_no_temporal_field(operators):
-    tensors, time = field_tensors(), torch.rand(())
+    tensors, time = field_tensors(), torch.rand((), dtype=torch.float64)
     with Waiting() as waiting:
         found = field_results(operators, tensors, time)
     assert waiting.found == []
@@ -83,7 +83,8 @@ def test_the_host_waits_for_no_temporal_field(operators):
 @pytest.mark.cuda
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
 def test_a_graph_of_temporal_fields_follows_its_inputs():
-    tensors, time = field_tensors("cuda"), torch.rand((), device="cuda")
+    tensors = field_tensors("cuda")
+    time = torch.rand((), dtype=torch.float64, device="cuda")
     recorder, found = CudaRecorder(torch.device("cuda", 0)), []
     with recorder.working():
         field_results(CudaOperators(), tensors, time)
