@@ -88,6 +88,30 @@ struct HashCell {
   }
 };
 
+/// Add to channels that begin at a multiple of their size.
+template <class T, int WIDTH>
+__device__ __forceinline__ void add_channels(Channels<T, WIDTH>* to,
+                                             const Channels<T, WIDTH>& more) {
+#pragma unroll
+  for (int c = 0; c < WIDTH; ++c) atomicAdd(to->at + c, more.at[c]);
+}
+
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+// From this architecture on one instruction adds all of them.
+__device__ __forceinline__ void add_channels(Channels<float, 4>* to,
+                                             const Channels<float, 4>& more) {
+  asm volatile("red.global.add.v4.f32 [%0], {%1, %2, %3, %4};" ::"l"(__cvta_generic_to_global(to)),
+               "f"(more.at[0]), "f"(more.at[1]), "f"(more.at[2]), "f"(more.at[3])
+               : "memory");
+}
+__device__ __forceinline__ void add_channels(Channels<float, 2>* to,
+                                             const Channels<float, 2>& more) {
+  asm volatile("red.global.add.v2.f32 [%0], {%1, %2};" ::"l"(__cvta_generic_to_global(to)),
+               "f"(more.at[0]), "f"(more.at[1])
+               : "memory");
+}
+#endif
+
 /// See ``HashJob``. Blocks of HASH_THREADS, one thread for every ``WIDTH`` channels of a place.
 template <class T, int WIDTH>
 __global__ void __launch_bounds__(HASH_THREADS) hash_features(HashJob job) {
@@ -111,8 +135,7 @@ __global__ void __launch_bounds__(HASH_THREADS) hash_features(HashJob job) {
 template <class T, int WIDTH>
 __global__ void __launch_bounds__(HASH_THREADS) hash_features_backward(HashBackwardJob job) {
   const HashShare<WIDTH> share(job.forward);
-  if (share.row >= job.forward.count) return;
-  T* const table = static_cast<T*>(job.tables[share.level]);
+  if (share.row >= job.forward.count || job.tables[share.level] == nullptr) return;
   const T* const arriving = static_cast<const T*>(job.gradient) + int64(share.group) * WIDTH;
   T flow[WIDTH];
   bool any = false;
@@ -121,14 +144,16 @@ __global__ void __launch_bounds__(HASH_THREADS) hash_features_backward(HashBackw
     flow[c] = arriving[c];
     any = any || flow[c] != T(0.0);
   }
-  if (!any || table == nullptr) return;
+  if (!any) return;
   const HashCell<T> cell(job.forward, job.forward.levels[share.level], share.row);
+  auto* const table = static_cast<Channels<T, WIDTH>*>(job.tables[share.level]) + share.of_table;
 #pragma unroll
   for (int corner = 0; corner < HASH_CORNERS; ++corner) {
-    T* const to = table + (int64(cell.row(corner)) * share.groups + share.of_table) * WIDTH;
     const T weight = cell.weight(corner);
+    Channels<T, WIDTH> more;
 #pragma unroll
-    for (int c = 0; c < WIDTH; ++c) atomicAdd(to + c, weight * flow[c]);
+    for (int c = 0; c < WIDTH; ++c) more.at[c] = weight * flow[c];
+    add_channels(table + int64(cell.row(corner)) * share.groups, more);
   }
 }
 
