@@ -7,7 +7,6 @@ are handed on without a copy, and nothing is differentiated twice.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,6 +17,7 @@ from torch.autograd.function import once_differentiable
 
 from gsfw.core.maths.hash_features import PRIMES
 from gsfw.core.maths.slices import Slices
+from gsfw.core.maths.variation import four_axes
 from gsfw.core.operators import Gate, Layer
 from gsfw.kernels.cpu.native_module import required
 from gsfw.kernels.cpu.threads import num_threads
@@ -73,7 +73,7 @@ def squared_differences(
     grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
 ) -> Float[Tensor, ""] | None:
     """``Operators.squared_differences``; ``None`` for axes that native code does not take."""
-    cells = _four_axes(grid.shape, [axis % grid.dim() for axis in axes], order)
+    cells = four_axes(grid.shape, [axis % grid.dim() for axis in axes], order)
     if cells is None:
         return None
     sizes = [grid.numel() * max(n - order, 0) // n for n in cells[1:3]]
@@ -85,17 +85,6 @@ def squared_differences(
 
     found: Tensor = _Penalty.apply(grid.contiguous().view(cells), measure)
     return found
-
-
-def _four_axes(shape: Sequence[int], axes: Sequence[int], order: int) -> list[int] | None:
-    """Shape with the compared axes as second and third of four; ``None`` if there is none."""
-    first = axes[0]
-    single, double = len(axes) == 1, order == 1 and tuple(axes) == (first, first + 1)
-    if not (single or double) or order not in (1, 2):
-        return None
-    second = shape[first + 1] if double else 1
-    inner = math.prod(shape[first + (2 if double else 1) :])
-    return [math.prod(shape[:first]), shape[first], second, inner]
 
 
 def mean_distance(

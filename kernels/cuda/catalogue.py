@@ -7,7 +7,18 @@ from dataclasses import replace
 
 import torch
 
-from gsfw.kernels.cuda.instances import NAMES, Instances
+from gsfw.kernels.cuda.field_jobs import (
+    GridDistanceJob,
+    GridVariationJob,
+    HashBackwardJob,
+    HashJob,
+    PenaltyJob,
+    PlaneProductBackwardJob,
+    PlaneProductJob,
+    SliceBackwardJob,
+    SliceJob,
+)
+from gsfw.kernels.cuda.instances import HASH_WIDTHS, NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
     BlendBackwardJob,
     BlendJob,
@@ -42,7 +53,13 @@ def catalogue(dtype: torch.dtype = torch.float32, degrees: Sequence[int] = DEGRE
         degrees: those of the spherical harmonics to project with.
     """
     number = NAMES[dtype]
-    return [*_projections(dtype, degrees), *_blends(dtype), *_bins(dtype), *_steps(number)]
+    return [
+        *_projections(dtype, degrees),
+        *_blends(dtype),
+        *_bins(dtype),
+        *_steps(number),
+        *_fields(number),
+    ]
 
 
 def _projections(dtype: torch.dtype, degrees: Sequence[int]) -> list[Entry]:
@@ -88,3 +105,26 @@ def _steps(number: str) -> list[Entry]:
         (Kernel("adam.cu", f"adam<{number}>"), AdamJob),
         (Kernel("finite.cu", f"check_finite<{number}>"), FiniteJob),
     ]
+
+
+def _fields(number: str) -> list[Entry]:
+    entries: list[Entry] = [
+        (Kernel(f"{source}.cu", f"{name}<{number}>"), job)
+        for source, name, job in (
+            ("plane_product", "plane_product", PlaneProductJob),
+            ("plane_product", "plane_product_backward", PlaneProductBackwardJob),
+            ("grid_variation", "grid_variation", GridVariationJob),
+            ("grid_variation", "grid_variation_backward", GridVariationJob),
+            ("grid_variation", "grid_distance", GridDistanceJob),
+            ("grid_variation", "grid_distance_backward", GridDistanceJob),
+            ("grid_variation", "add_penalty", PenaltyJob),
+            ("slice", "slice", SliceJob),
+            ("slice", "slice_backward", SliceBackwardJob),
+        )
+    ]
+    for width in HASH_WIDTHS:
+        arguments = f"{number}, {width}"
+        forward = Kernel("hash_features.cu", f"hash_features<{arguments}>")
+        backward = Kernel("hash_features.cu", f"hash_features_backward<{arguments}>")
+        entries += [(forward, HashJob), (backward, HashBackwardJob)]
+    return entries

@@ -25,6 +25,9 @@ more checkpoints. On an H200 a step of RGB takes, with (128, 32), (64, 32), (128
 million splats. A benchmark may replace an entry before its first image.
 """
 
+HASH_WIDTHS = (4, 2, 1)
+"""Channels of a hash grid's table that a thread may have; the first that divides them is taken."""
+
 NAMES = {torch.float32: "float", torch.float64: "double"}
 """Names of number types in C++."""
 
@@ -144,6 +147,6 @@ def instances(
 
 
 @cache
-def kernel_of(source: str, name: str, dtype: torch.dtype) -> Kernel:
-    """The instance of a template that has the number type alone to choose."""
-    return Kernel(source, f"{name}<{NAMES[dtype]}>")
+def kernel_of(source: str, name: str, dtype: torch.dtype, *constants: int) -> Kernel:
+    """The instance of a template for a number type, and for constants if it has any."""
+    return Kernel(source, f"{name}<{', '.join([NAMES[dtype], *map(str, constants)])}>")

@@ -64,3 +64,8 @@ def address(tensor: Tensor | None) -> int | None:
     if not tensor.is_contiguous():
         raise ValueError(f"expected a contiguous tensor, found strides {tensor.stride()}")
     return tensor.data_ptr()
+
+
+def blocks_for(count: int, per_block: int) -> int:
+    """Blocks that together answer for ``count`` elements."""
+    return -(-count // per_block)

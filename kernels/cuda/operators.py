@@ -10,18 +10,23 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import AdamSettings, AdamUpdate, Operators
-from gsfw.kernels.cuda import step_jobs
+from gsfw.kernels.cuda import field, penalties, step_jobs
 from gsfw.kernels.cuda.adam import ALIGNMENT, adam_table, step_tables
 from gsfw.kernels.cuda.availability import unavailable
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.kernels.cuda.instances import NAMES, kernel_of
-from gsfw.kernels.cuda.launcher import Launcher, address
+from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
 from gsfw.kernels.cuda.step_jobs import AdamTable
 
 
 class CudaOperators(Operators):
-    """Operators over CUDA kernels; the host never waits, and repeating gives the same bits."""
+    """Operators over CUDA kernels; the host never waits.
+
+    Repeating gives the same bits, but for the gradients of planes and of hash grids: atomics add
+    them in no fixed order. Where torch is told to use deterministic algorithms, it gets these.
+    """
 
     def __init__(self, launcher: Launcher | None = None) -> None:
         """Without ``launcher`` kernels run on the device that the tensors are on."""
@@ -39,10 +44,9 @@ class CudaOperators(Operators):
         valid: Bool[Tensor, "c h w 1"] | None = None,
     ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
         """Mean absolute difference, and 1 - SSIM, over the valid pixels; both differentiable."""
-        launcher = self._launcher([rendered, target])
+        launcher = self._differentiating([rendered, target])
         fitting = rendered.shape == target.shape and _covers(valid, rendered)
-        plain = target.requires_grad or _tangents([rendered, target]) or rendered.numel() == 0
-        if launcher is None or not fitting or plain:
+        if launcher is None or not fitting or target.requires_grad or rendered.numel() == 0:
             return super().l1_dssim(rendered, target, valid)
         mask = None if valid is None else valid.contiguous().view(torch.uint8)
         return _L1Dssim.apply(rendered.contiguous(), target.contiguous(), mask, launcher)
@@ -97,11 +101,79 @@ class CudaOperators(Operators):
             job.numbers[index] = address(tensor)
             job.counts[index] = tensor.numel()
             job.first_blocks[index] = blocks
-            blocks += _blocks(tensor.numel(), step_jobs.FINITE_NUMBERS)
+            blocks += blocks_for(tensor.numel(), step_jobs.FINITE_NUMBERS)
         for index in range(len(tensors), step_jobs.FINITE_TENSORS):
             job.first_blocks[index] = blocks
         kernel = kernel_of("finite.cu", "check_finite", tensors[0].dtype)
         launcher.launch(kernel, blocks, step_jobs.FINITE_THREADS, job)
+
+    def plane_product(
+        self,
+        places: Float[Tensor, "n 3"],
+        planes: Sequence[Float[Tensor, "3 _ _ d"]],
+        lines: Sequence[Float[Tensor, "3 _ d"]],
+        scale: float,
+    ) -> Float[Tensor, "n f"]:
+        """Products of six interpolated features, of all resolutions in one launch."""
+        launcher = self._differentiating([places, *planes, *lines])
+        if launcher is None or field.ordered() or not field.fits_planes(places, planes, lines):
+            return super().plane_product(places, planes, lines, scale)
+        return field.plane_product(launcher, places, planes, lines, scale)
+
+    def hash_features(
+        self,
+        places: Float[Tensor, "n 3"],
+        time: Float[Tensor, ""],
+        tables: Sequence[Float[Tensor, "_ d"]],
+        sizes: Sequence[tuple[int, int]],
+    ) -> Float[Tensor, "n f"]:
+        """Interpolated rows of a hash grid's tables, of all resolutions in one launch."""
+        launcher = self._differentiating([places, *tables])
+        fits = launcher and field.fits_tables(places, time, tables, sizes)
+        if launcher is None or field.ordered() or not fits:
+            return super().hash_features(places, time, tables, sizes)
+        return field.hash_features(launcher, places, time, tables, sizes)
+
+    def slices(
+        self,
+        left: Float[Tensor, "n 4"],
+        right: Float[Tensor, "n 4"],
+        scales: Float[Tensor, "n 4"],
+    ) -> Slices:
+        """Slices of Gaussians of space and time, in one launch."""
+        launcher = self._differentiating([left, right, scales])
+        fits = left.shape == right.shape == scales.shape and len(left) > 0
+        if launcher is None or not fits:
+            return super().slices(left, right, scales)
+        return field.slices(launcher, left, right, scales)
+
+    def squared_differences(
+        self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
+    ) -> Float[Tensor, ""]:
+        """Mean squared differences of neighbouring cells, of one axis, or two in turn."""
+        launcher = self._penalising(grid)
+        found = (
+            penalties.squared_differences(launcher, grid, axes, order, weight) if launcher else None
+        )
+        return super().squared_differences(grid, axes, order, weight) if found is None else found
+
+    def mean_distance(
+        self, values: Float[Tensor, "*cells"], center: float, weight: float
+    ) -> Float[Tensor, ""]:
+        """``weight`` times the mean of |value - center|."""
+        launcher = self._penalising(values)
+        if launcher is None:
+            return super().mean_distance(values, center, weight)
+        return penalties.mean_distance(launcher, values, center, weight)
+
+    def _penalising(self, grid: Tensor) -> Launcher | None:
+        """The launcher of regularisers of a grid; ``None`` if they do not serve it."""
+        fits = 0 < grid.numel() < penalties.COUNT_LIMIT
+        return self._differentiating([grid]) if fits else None
+
+    def _differentiating(self, tensors: Sequence[Tensor]) -> Launcher | None:
+        """The launcher of kernels with a backward pass; ``None`` if they do not serve these."""
+        return None if _tangents(tensors) else self._launcher(tensors)
 
     def _launcher(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels on these tensors; ``None`` if there is none."""
@@ -193,15 +265,10 @@ def _comparison(rendered: Tensor, target: Tensor, valid: Tensor | None) -> step_
     )
 
 
-def _blocks(numbers: int, per_block: int) -> int:
-    """Blocks that together answer for so many numbers."""
-    return -(-numbers // per_block)
-
-
 def _tiles(images: Tensor) -> int:
     """Blocks that together answer for images [c, h, w, d]."""
     c, h, w, _ = images.shape
-    return c * _blocks(h, step_jobs.SSIM_HEIGHT) * _blocks(w, step_jobs.SSIM_WIDTH)
+    return c * blocks_for(h, step_jobs.SSIM_HEIGHT) * blocks_for(w, step_jobs.SSIM_WIDTH)
 
 
 def _aligned(tensors: Sequence[Tensor]) -> bool:

@@ -69,6 +69,10 @@ GSFW_FUNCTION double fma(double a, double b, double c) {
 #endif
 }
 
+/// c - a * b, rounded once where the hardware can.
+GSFW_FUNCTION float fma_negated(float a, float b, float c) { return fma(-a, b, c); }
+GSFW_FUNCTION double fma_negated(double a, double b, double c) { return fma(-a, b, c); }
+
 /// NaN for negative numbers.
 GSFW_FUNCTION float square_root(float x) { return GSFW_ELEMENTARY(sqrtf)(x); }
 GSFW_FUNCTION double square_root(double x) { return GSFW_ELEMENTARY(sqrt)(x); }
@@ -93,6 +97,10 @@ GSFW_FUNCTION double maximum(double a, double b) { return a > b ? a : b; }
 /// ``a`` where ``mask``, else ``b``.
 GSFW_FUNCTION float select(bool mask, float a, float b) { return mask ? a : b; }
 GSFW_FUNCTION double select(bool mask, double a, double b) { return mask ? a : b; }
+
+/// ``a`` where ``mask``, else 0.
+GSFW_FUNCTION float keep(bool mask, float a) { return mask ? a : 0.0f; }
+GSFW_FUNCTION double keep(bool mask, double a) { return mask ? a : 0.0; }
 
 /// x within [low, high]. Keeps NaN, as torch does: what is not a number must fail the tests for
 /// visibility, not pass them with a bound in its place.

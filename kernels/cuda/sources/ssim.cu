@@ -9,6 +9,8 @@
 // and blurs down. Sums are made in an order that depends on the size of the images only.
 #include "step_stages.h"
 
+#include "block_sum.h"
+
 namespace gsfw {
 namespace cuda {
 
@@ -203,24 +205,6 @@ __device__ __forceinline__ Similarity<T> similarity_of(T mean_u, T mean_v, T blu
   return {lack, {fma(mean_u, by_a - by_u, mean_v * (by_b - by_v)), by_u, by_v}};
 }
 
-/// The sums over the block, in double after those over each warp, to ``to`` [COUNT, blocks].
-template <class T, int COUNT>
-__device__ __forceinline__ void write_sums(const T (&sums)[COUNT], double* to) {
-  constexpr int WARPS = SSIM_THREADS / WARP;
-  __shared__ T of_warps[COUNT * WARPS];
-#pragma unroll
-  for (int i = 0; i < COUNT; ++i) {
-    const T sum = warp_sum(sums[i]);
-    if (lane_index() == 0) of_warps[i * WARPS + warp_index()] = sum;
-  }
-  __syncthreads();
-  const int mine = int(threadIdx.x);
-  if (mine >= COUNT) return;
-  double total = 0.0;
-  for (int warp = 0; warp < WARPS; ++warp) total += double(of_warps[mine * WARPS + warp]);
-  to[int64(mine) * gridDim.x + blockIdx.x] = total;
-}
-
 /// u, v, u^2 and v^2, blurred across.
 template <class T>
 __device__ __forceinline__ void blur_images(const T* taken, T (&across)[MAPS][RUN]) {
@@ -286,7 +270,7 @@ __global__ void __launch_bounds__(SSIM_THREADS) ssim(SsimJob job) {
     sums[1] += compare(job, tile, channel, maps, weights);
     __syncthreads();
   }
-  write_sums(sums, job.sums);
+  write_block_sums<SSIM_THREADS>(sums, job.sums + blockIdx.x, gridDim.x);
 }
 
 /// See ``LossesJob``. One block of SSIM_THREADS.
@@ -298,7 +282,7 @@ __global__ void __launch_bounds__(SSIM_THREADS) add_losses(LossesJob job) {
 #pragma unroll
     for (int i = 0; i < SSIM_SUMS; ++i) sums[i] += job.sums[i * job.blocks + block];
   }
-  write_sums(sums, totals);
+  write_block_sums<SSIM_THREADS>(sums, totals, 1);
   __syncthreads();
   if (threadIdx.x != 0) return;
   const double numbers = totals[2] * double(job.channels);

@@ -42,6 +42,17 @@ REGISTERS = {
     "begin_adam": 40,
     "adam": 48,
     "check_finite": 48,
+    "plane_product": 64,
+    "plane_product_backward": 64,
+    "hash_features": 64,
+    "hash_features_backward": 64,
+    "slice": 64,
+    "slice_backward": 128,
+    "grid_variation": 48,
+    "grid_variation_backward": 48,
+    "grid_distance": 48,
+    "grid_distance_backward": 48,
+    "add_penalty": 48,
     **{
         f"project<float, {shape}, {degree}, true>": 96
         for shape in ("Axes<float>", "Symmetric3<float>")

@@ -4,8 +4,10 @@ from typing import Any
 
 import pytest
 import torch
+from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from gsfw.core.loop.recording import CudaRecorder
 from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.kernels.cuda import operators as module
 from gsfw.kernels.cuda.operators import CudaOperators
@@ -48,6 +50,53 @@ def test_the_host_waits_for_nothing(operators):
             )
     assert waiting.found == []
     assert moments.count == 2
+
+
+def field_tensors(device: str = "cpu") -> list[Tensor]:
+    """Places, planes, lines, a table, and quaternions, which are scales as well."""
+    shapes = ((9, 3), (3, 4, 4, 2), (3, 4, 2), (64, 2), (9, 4))
+    there = {"device": device, "dtype": torch.float64, "requires_grad": True}
+    return [torch.rand(shape, **there) for shape in shapes]
+
+
+def field_results(operators: Operators, tensors: list[Tensor], time: Tensor) -> list[Tensor]:
+    """Outputs of all temporal fields, and the gradients of their sum."""
+    places, planes, lines, table, quats = tensors
+    outputs = [
+        operators.plane_product(places, [planes], [lines], 1.0),
+        operators.hash_features(places, time, [table], [(4, 2)]),
+        *operators.slices(quats, quats, quats),
+        operators.squared_differences(planes, (1, 2), 1, 1.0),
+        operators.mean_distance(planes, 1.0, 1.0),
+    ]
+    return [*outputs, *torch.autograd.grad(sum(part.sum() for part in outputs), tensors)]
+
+
+def test_the_host_waits_for_no_temporal_field(operators):
+    tensors, time = field_tensors(), torch.rand((), dtype=torch.float64)
+    with Waiting() as waiting:
+        found = field_results(operators, tensors, time)
+    assert waiting.found == []
+    assert all(value.any() for value in found)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
+def test_a_graph_of_temporal_fields_follows_its_inputs():
+    tensors = field_tensors("cuda")
+    time = torch.rand((), dtype=torch.float64, device="cuda")
+    recorder, found = CudaRecorder(torch.device("cuda", 0)), []
+    with recorder.working():
+        field_results(CudaOperators(), tensors, time)
+        graph = recorder.record(lambda: found.extend(field_results(CudaOperators(), tensors, time)))
+        with torch.no_grad():
+            for tensor in (*tensors, time):
+                tensor.mul_(0.9)
+        graph.replay()
+        expected = field_results(Operators(), tensors, time)
+    torch.cuda.synchronize()
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other)
 
 
 def test_a_gpu_with_kernels_is_served_before_anything_else(monkeypatch):

@@ -1,0 +1,114 @@
+"""Slices of Gaussians of space and time in kernels against plain torch in float64."""
+
+import math
+
+import pytest
+import torch
+from support.calls import Calls, CountedLauncher
+from support.field_tensors import agree, gradients, numbers
+from torch import Tensor
+from torch.autograd import forward_ad
+
+from gsfw.core.operators import Operators
+from gsfw.kernels.cuda.operators import CudaOperators
+
+CPU = torch.device("cpu")
+
+
+def given(rows: int, dtype: torch.dtype, low: float = -3.0, high: float = 0.0) -> list[Tensor]:
+    """Left and right quaternions, and logarithms of scales."""
+    left, right = (numbers(rows, 4, seed=i, dtype=dtype) - 0.5 for i in (1, 2))
+    return [left, right, low + (high - low) * numbers(rows, 4, seed=3, dtype=dtype)]
+
+
+def sliced(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
+    return tuple(operators.slices(*tensors[:2], tensors[2].exp()))
+
+
+@pytest.mark.parametrize("rows", [1, 128, 333])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_slices_and_their_gradients_are_those_of_torch(operators_there, place, rows, dtype):
+    agree(sliced, operators_there, given(rows, dtype, -1.0, 0.0), place, roundings=200.0)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-9.0, 2.0), (-3.0, 18.0), (-18.0, 0.0)])
+def test_slices_in_float32_keep_their_digits_at_extreme_scales(operators_there, place, low, high):
+    left, right, logs = given(2000, torch.float32, low, high)
+    exact = Operators().slices(left.double(), right.double(), logs.exp().double())
+    there = [tensor.to(place) for tensor in (left, right, logs.exp())]
+    for found, true in zip(operators_there.slices(*there), exact, strict=True):
+        size = true.abs().view(2000, -1).amax(1)
+        errors = (found.cpu() - true).abs().view(2000, -1).amax(1)
+        assert float((errors / size).median()) < 1e-6
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-13, 1e-11, 1e-20, 1e15])
+def test_quaternions_of_any_norm_are_those_of_torch(operators_there, place, length):
+    tensors = given(20, torch.float64)
+    tensors[0][4] *= length
+    tensors[1][5] *= length
+    found = gradients(sliced, operators_there, tensors, place)
+    expected = gradients(sliced, Operators(), tensors, CPU)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-12 * float(other.abs().max()))
+    if length < 1e-12:
+        assert not found[3][4].any()
+
+
+def test_nan_passes_or_is_the_identity_as_in_torch(operators_there, place):
+    for tensor, component in ((0, 0), (0, 2), (1, 3), (2, 3)):
+        tensors = given(20, torch.float64)
+        tensors[tensor][4, component] = math.nan
+        found = sliced(operators_there, [t.to(place) for t in tensors])
+        for one, other in zip(found, sliced(Operators(), tensors), strict=True):
+            torch.testing.assert_close(one.cpu(), other, rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+def test_covariances_are_symmetric_to_the_bit(operators_there, place):
+    found = sliced(operators_there, [t.to(place) for t in given(100, torch.float32)])[0]
+    assert torch.equal(found, found.transpose(1, 2))
+
+
+def test_slices_and_their_gradients_take_a_launch_each():
+    launcher = CountedLauncher()
+    tensors = [tensor.requires_grad_() for tensor in given(9, torch.float32)]
+    with Calls(launcher) as calls:
+        covariances, _, variances = CudaOperators(launcher).slices(*tensors)
+        (covariances.sum() + variances.sum()).backward()
+    assert calls.launches == ["slice<float>", "slice_backward<float>"]
+    assert all(tensor.grad.any() for tensor in tensors)
+
+
+def test_tensors_that_are_not_contiguous_are_taken_too(operators_there, place):
+    tensors = [tensor.T.contiguous().T for tensor in given(9, torch.float64)]
+    found = sliced(operators_there, [t.to(place) for t in tensors])
+    for one, other in zip(found, sliced(Operators(), tensors), strict=True):
+        torch.testing.assert_close(one.cpu(), other)
+
+
+def test_second_derivatives_come_from_torch(operators):
+    left, right, logs = given(5, torch.float64)
+    right.requires_grad_()
+    second = []
+    for kind in (operators, Operators()):
+        total = sum(part.square().sum() for part in sliced(kind, [left, right, logs]))
+        (gradient,) = torch.autograd.grad(total, right, create_graph=True)
+        second.append(torch.autograd.grad(gradient.square().sum(), right)[0])
+    torch.testing.assert_close(*second)
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
+def test_derivatives_carried_forward_come_from_torch(operators):
+    left, right, logs = given(5, torch.float64)
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(left, torch.ones_like(left))
+        assert forward_ad.unpack_dual(operators.slices(dual, right, logs.exp())[0]).tangent.any()
+
+
+@pytest.mark.parametrize("tensors", [given(0, torch.float32), given(4, torch.bfloat16)])
+def test_what_kernels_do_not_take_goes_to_torch(tensors):
+    launcher = CountedLauncher()
+    found = sliced(CudaOperators(launcher), tensors)
+    for one, other in zip(found, sliced(Operators(), tensors), strict=True):
+        assert torch.equal(one, other)
+    assert launcher.launches == []

@@ -1,0 +1,69 @@
+"""Tensors of temporal fields, and their results in kernels and in plain torch."""
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from gsfw.core.operators import Operators
+
+Function = Callable[[Operators, list[Tensor]], Sequence[Tensor]]
+"""Outputs of operators for some tensors."""
+
+
+def numbers(*shape: int, seed: int, dtype: torch.dtype = torch.float64) -> Tensor:
+    """Random numbers in [0, 1)."""
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand(shape, generator=generator, dtype=torch.float64).to(dtype)
+
+
+def gradients(
+    function: Function,
+    operators: Operators,
+    tensors: Sequence[Tensor],
+    place: torch.device,
+    silent: int = 3,
+) -> list[Tensor]:
+    """Outputs and all gradients, brought back from ``place``.
+
+    Every ``silent``-th row of the outputs has an incoming gradient of zero.
+    """
+    leaves = [tensor.detach().clone().to(place).requires_grad_() for tensor in tensors]
+    outputs = function(operators, leaves)
+    flows = []
+    for index, output in enumerate(outputs):
+        flow = numbers(*output.shape, seed=20 + index, dtype=output.dtype)
+        if flow.dim() > 0:
+            flow[::silent] = 0
+        flows.append(flow.to(place))
+    # Torch's own value has no gradient where no two cells are compared.
+    pairs = [pair for pair in zip(outputs, flows, strict=True) if pair[0].requires_grad]
+    if pairs:
+        torch.autograd.backward(*zip(*pairs, strict=True))
+    moved = [torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in leaves]
+    return [value.detach().cpu() for value in (*outputs, *moved)]
+
+
+def agree(
+    function: Function,
+    operators: Operators,
+    tensors: Sequence[Tensor],
+    place: torch.device,
+    roundings: float = 32.0,
+) -> None:
+    """Require outputs and gradients of plain torch in float64, but for rounding.
+
+    Args:
+        function: outputs of operators for some tensors.
+        operators: those of kernels.
+        tensors: inputs, all of one type.
+        place: device that the kernels run on.
+        roundings: of the largest number of a tensor, for sums of few terms.
+    """
+    found = gradients(function, operators, tensors, place)
+    exact = [tensor.double() for tensor in tensors]
+    expected = gradients(function, Operators(), exact, torch.device("cpu"))
+    for value, other in zip(found, expected, strict=True):
+        assert value.dtype == tensors[0].dtype
+        allowed = roundings * torch.finfo(value.dtype).eps * float(other.abs().max())
+        assert float((value.double() - other).abs().max()) <= allowed
