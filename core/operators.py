@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int
@@ -108,6 +109,10 @@ class Operators:
 
     Methods and refiners get the set of the run's device, which overrides some of them.
     """
+
+    selects_rows: ClassVar[bool] = True
+    """True if a model should compute only the visible rows, for whose number the host waits; false
+    where a step over all rows is faster: on a GPU, which can repeat it without the host."""
 
     @classmethod
     def preference(cls, device: torch.device) -> int | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -22,6 +22,8 @@ from gsfw.kernels.cuda.step_jobs import AdamTable
 
 class CudaOperators(Operators):
     """Operators over CUDA kernels; the host never waits, and repeating gives the same bits."""
+
+    selects_rows: ClassVar[bool] = False
 
     def __init__(self, launcher: Launcher | None = None) -> None:
         """Without ``launcher`` kernels run on the device that the tensors are on."""

@@ -72,6 +72,7 @@ class SpacetimeMethod(MovingMethod):
             canonical,
             start,
             config.optim.learning_rates(scene.extent),
+            operators,
             min_duration=min_duration(scene),
             lifetime_reg=config.lifetime_reg,
             decoder=FeatureDecoder(generator) if features else None,
