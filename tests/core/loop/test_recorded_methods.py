@@ -18,6 +18,7 @@ SPACETIME = {
     **{name: value for name, value in MOVING.items() if name.startswith("datamanager")},
     **{"method": "spacetime", "squared_steps": "12"},
 }
+ROTOR = {**SPACETIME, "method": "4d-rotor", "neighbors_every": "7", "sampler.views_per_step": "2"}
 AUTO = {"static": "auto", "static_start": "4", "static_every": "5", "static_signal": "1.2"}
 ADAPTIVE = {"motion": "adaptive", "motion_start": "8", "motion_every": "8"}
 ERROR = {
@@ -31,7 +32,9 @@ CASES = {
     "bands": BANDS,
     "4dgs": MOVING,
     "spacetime": {**SPACETIME, "sampler.views_per_step": "2"},
+    "4d-rotor": ROTOR,
     "spacetime-both": {**SPACETIME, **AUTO, **ADAPTIVE, "lifetime_reg": "0.01"},
+    "4d-rotor-static": {**ROTOR, **AUTO, "rotation": "two-quaternions"},
     "4dgs-colors": {**MOVING, "deform_opacity": "false", "deform_sh": "true"},
     "4dgs-static": {**MOVING, **AUTO},
     "4dgs-hash": {**MOVING, "encoder": "hash"},
@@ -59,7 +62,7 @@ def same_columns(one, other):
     return all(torch.equal(values, columns[name]) for name, values in one.columns().items())
 
 
-@pytest.mark.parametrize("case", sampled([(name,) for name in CASES], range(4)))
+@pytest.mark.parametrize("case", sampled([(name,) for name in CASES], range(5)))
 def test_recorded_steps_train_as_others_do(tmp_path, case):
     settings = CASES[case]
     usual = Run(tmp_path / "usual", False, **settings)
