@@ -110,9 +110,10 @@ class Operators:
     Methods and refiners get the set of the run's device, which overrides some of them.
     """
 
-    selects_rows: ClassVar[bool] = True
-    """True if a model should compute only the visible rows, for whose number the host waits; false
-    where a step over all rows is faster: on a GPU, which can repeat it without the host."""
+    fixed_shapes: ClassVar[bool] = False
+    """True if steps should have the same shapes, and read at the same places: on a GPU, whose host
+    must not wait, and which can repeat them without it. False where less work is faster, such as
+    that of the visible rows alone."""
 
     @classmethod
     def preference(cls, device: torch.device) -> int | None:

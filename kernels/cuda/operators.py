@@ -23,7 +23,7 @@ from gsfw.kernels.cuda.step_jobs import AdamTable
 class CudaOperators(Operators):
     """Operators over CUDA kernels; the host never waits, and repeating gives the same bits."""
 
-    selects_rows: ClassVar[bool] = False
+    fixed_shapes: ClassVar[bool] = True
 
     def __init__(self, launcher: Launcher | None = None) -> None:
         """Without ``launcher`` kernels run on the device that the tensors are on."""

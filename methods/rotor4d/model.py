@@ -140,7 +140,7 @@ class SlicedGaussians(MovingGaussians):
 
         A selection would copy the static ones.
         """
-        return self.still is None and self._operators.selects_rows
+        return self.still is None and not self._operators.fixed_shapes
 
     @torch.no_grad()
     def _visible_rows(self, time: Float[Tensor, ""]) -> Int[Tensor, " m"] | None:

@@ -85,7 +85,7 @@ class SpacetimeGaussians(MovingGaussians):
             canonical: shape and colour at the temporal centre.
             start: temporal parameters.
             rates: learning rate of every column, and of the decoder.
-            operators: tell whether visible rows are selected.
+            operators: tell whether steps have fixed shapes.
             min_duration: shortest standard deviation in time, in sequences.
             lifetime_reg: weight of the mean opacity at the time of a step.
             decoder: given exactly when ``start`` has features.
@@ -144,7 +144,7 @@ class SpacetimeGaussians(MovingGaussians):
 
         With static rows, all are: a selection would copy the static ones.
         """
-        return self.still is None and self._operators.selects_rows
+        return self.still is None and not self._operators.fixed_shapes
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None

@@ -291,7 +291,7 @@ def test_regularizers_are_the_same_if_all_rows_are_sliced(monkeypatch):
     assert rows is not None
     seen = torch.arange(len(rows)) % 3 == 0
     expected = regularized(model, seen)
-    monkeypatch.setattr(CpuOperators, "selects_rows", False)
+    monkeypatch.setattr(CpuOperators, "fixed_shapes", True)
     assert model.splats(at(0.5)).rows is None
     everywhere = torch.zeros(60, dtype=torch.bool).index_copy(0, rows, seen)
     found = regularized(model, everywhere)
