@@ -262,6 +262,9 @@ def _without_graph(item: RenderedBatch, finite: Tensor) -> RenderedBatch:
     images = {name: image.detach() for name, image in images.items() if image is not None}
     rendered = replace(output, **images, statistics=output.statistics.where(finite))
     splats = context.splats.map(lambda tensor: tensor.detach())
-    context = replace(context, splats=splats, rendered=rendered)
+    cameras = context.batch.cameras
+    cameras = replace(cameras, world_to_camera=cameras.world_to_camera.detach())
+    batch = replace(context.batch, cameras=cameras)
+    context = replace(context, batch=batch, splats=splats, rendered=rendered)
     losses = {name: value.detach() for name, value in item.losses.items()}
     return replace(item, context=context, losses=losses, total=item.total.detach(), by_rows=())

@@ -47,7 +47,7 @@ class StepInputs:
 
 def _tensors(batch: Batch) -> list[Tensor]:
     cameras = batch.cameras
-    found = (batch.images, batch.alpha, batch.mask, cameras.world_to_camera)
+    found = (batch.images, batch.alpha, batch.mask, batch.numbers, cameras.world_to_camera)
     others = (cameras.intrinsics, cameras.time, cameras.camera_index)
     maps = (tensor for item in batch.maps.values() for tensor in (item.values, item.known))
     return [tensor for tensor in (*found, *others, *maps) if tensor is not None]
@@ -70,6 +70,7 @@ def _copied(batch: Batch) -> Batch:
         cameras=_copied_cameras(batch.cameras),
         alpha=None if batch.alpha is None else _copy(batch.alpha),
         mask=None if batch.mask is None else _copy(batch.mask),
+        numbers=None if batch.numbers is None else _copy(batch.numbers),
         maps=maps,
     )
 

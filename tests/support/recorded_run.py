@@ -40,7 +40,8 @@ class Run:
         for module in parts.model.modules():  # Made for the CPU, whose kernels are not recorded.
             if hasattr(module, "_operators"):
                 module._operators = operators
-        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings())
+        groups = parts.corrections.parameter_groups()
+        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings(), groups)
         self.rasterizer = CudaRasterizer(launcher)
         self.parts = replace(
             parts,
@@ -84,3 +85,7 @@ class Run:
 
     def columns(self) -> dict[str, torch.Tensor]:
         return {name: c.values.detach() for name, c in self.parts.model.columns().items()}
+
+    def corrections(self) -> dict[str, torch.Tensor]:
+        found = self.parts.corrections.named_parameters()
+        return {name: values.detach() for name, values in found}
