@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
@@ -92,6 +92,8 @@ class Batch:
     """Meaning of the pixels outside the mask; ``valid`` and ``target`` follow it."""
     maps: Mapping[str, ViewMap] = field(default_factory=dict)
     """Per-view maps by name, at the size of the images; ``Views.maps`` names the same ones."""
+    numbers: Int[Tensor, " c"] | None = None
+    """``views`` on the device, in steps with trained corrections of the capture."""
 
     @property
     def time(self) -> Float[Tensor, ""] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int
@@ -108,6 +109,11 @@ class Operators:
 
     Methods and refiners get the set of the run's device, which overrides some of them.
     """
+
+    fixed_shapes: ClassVar[bool] = False
+    """True if steps should have the same shapes, and read at the same places: on a GPU, whose host
+    must not wait, and which can repeat them without it. False where less work is faster, such as
+    that of the visible rows alone."""
 
     @classmethod
     def preference(cls, device: torch.device) -> int | None:

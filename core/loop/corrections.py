@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gsfw.core.batch import Batch
 from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.pose_refinement import PoseRefinement
 from gsfw.core.parameter_group import ParameterGroup
@@ -17,9 +20,12 @@ from gsfw.core.render_output import RenderOutput
 class CaptureCorrections(nn.Module):
     """Exposures of the images and poses of the cameras, each only if requested.
 
-    All components read poses from the data manager (``RefinedCapture``); exposures are applied in
-    training alone, because those of held-out images are unknown.
+    All components read poses from the data manager (``RefinedCapture``), but for the steps, which
+    refine them with a gradient; exposures are applied in training alone, because those of held-out
+    images are unknown. Steps find both by the numbers of their views on the device.
     """
+
+    _numbers: Tensor
 
     def __init__(
         self, exposures: Exposures | None = None, poses: PoseRefinement | None = None
@@ -27,6 +33,26 @@ class CaptureCorrections(nn.Module):
         super().__init__()
         self.exposures = exposures
         self.poses = poses
+        views = 0 if poses is None else len(poses.rows)
+        views = views if exposures is None else len(exposures.names)
+        self.register_buffer("_numbers", torch.arange(views), persistent=False)
+
+    def numbered(self, batch: Batch) -> Batch:
+        """A batch of training views with their numbers on the device, if any are corrected.
+
+        The host sends nothing there, and waits for nothing.
+        """
+        if not len(self._numbers):
+            return batch
+        numbers = torch.cat([self._numbers[view : view + 1] for view in batch.views])
+        return replace(batch, numbers=numbers)
+
+    def refined(self, batch: Batch) -> Batch:
+        """The same batch with refined cameras, which have a gradient."""
+        if self.poses is None:
+            return batch
+        assert batch.numbers is not None
+        return replace(batch, cameras=self.poses.refined(batch.cameras, batch.numbers))
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
         """Parameter groups for the optimizer."""
@@ -34,12 +60,13 @@ class CaptureCorrections(nn.Module):
         return tuple(part.group() for part in present)
 
     def expose(
-        self, rendered: RenderOutput, views: tuple[int, ...], background: Float[Tensor, " 3"]
+        self, rendered: RenderOutput, batch: Batch, background: Float[Tensor, " 3"]
     ) -> RenderOutput:
-        """Apply the exposures of training images, given their indices within the training split."""
+        """Apply the exposures of the images of a batch."""
         if self.exposures is None:
             return rendered
-        return self.exposures.apply_to(rendered, views, background)
+        assert batch.numbers is not None
+        return self.exposures.apply_to(rendered, batch.numbers, background)
 
     def project_(self) -> None:
         """Remove unobservable common corrections after each optimizer step. In place."""

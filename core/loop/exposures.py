@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from gsfw.core.learning_rate import LearningRate
@@ -45,13 +45,16 @@ class Exposures(nn.Module):
         return self.changes.detach() + torch.eye(3, 4, device=self.changes.device)
 
     def apply_to(
-        self, rendered: RenderOutput, views: tuple[int, ...], background: Float[Tensor, " 3"]
+        self,
+        rendered: RenderOutput,
+        numbers: Int[Tensor, " c"],
+        background: Float[Tensor, " 3"],
     ) -> RenderOutput:
-        """Apply the exposures of training images to rendered colours.
+        """Apply the exposures of training images, by their numbers, to rendered colours.
 
         The background has no exposure, because it is not part of the photo.
         """
-        change = torch.stack([self.changes[view] for view in views])
+        change = self.changes.index_select(0, numbers)
         shown = rendered.color - (1.0 - rendered.alpha) * background
         gained = torch.einsum("chwi,cji->chwj", shown, change[:, :, :3])
         offset = rendered.alpha * change[:, None, None, :, 3]

@@ -16,6 +16,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings
@@ -50,7 +51,7 @@ class Forward:
         self._parts, self._plan = parts, plan
 
     def load(self, views: tuple[int, ...], coming: tuple[int, ...], step: int) -> list[Batch]:
-        """The batches of some training views, at the image size of the step.
+        """The batches of some training views, at the image size of the step, with given poses.
 
         Args:
             views: the training views.
@@ -59,13 +60,15 @@ class Forward:
         """
         parts, plan = self._parts, self._plan
         # The views of this step come first: loaders work in the order of the requests.
-        parts.data.prefetch(Split.TRAIN, (*views, *coming))
+        data = parts.data.given if isinstance(parts.data, RefinedCapture) else parts.data
+        data.prefetch(Split.TRAIN, (*views, *coming))
         alone = parts.team.splits_views or parts.refiners.needs_view_gradients(step)
         groups = [(view,) for view in views] if alone else [views]
         batches = [
-            batch for group in groups for batch in parts.data.load(Split.TRAIN, group, parts.device)
+            batch for group in groups for batch in data.load(Split.TRAIN, group, parts.device)
         ]
-        return [plan.resolution.reduce(batch, step) for batch in batches]
+        reduced = [plan.resolution.reduce(batch, step) for batch in batches]
+        return [parts.corrections.numbered(batch) for batch in reduced]
 
     def settings(self, step: int, count: int) -> list[RenderSettings]:
         """The settings of each batch of a step, as the method changes them, with a background.
@@ -87,6 +90,7 @@ class Forward:
             base: the settings of the batch (``settings``).
         """
         parts = self._parts
+        batch = parts.corrections.refined(batch)
         settings = self._with_refiners(base, step)
         background = settings.background
         assert background is not None
@@ -105,7 +109,7 @@ class Forward:
             steps=self._plan.steps,
             batch=batch,
             splats=splats,
-            rendered=parts.corrections.expose(rendering.output, batch.views, background),
+            rendered=parts.corrections.expose(rendering.output, batch, background),
             target=batch.target(background),
             num_rows=len(parts.table),
             share=share,

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout
+from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.core.parameter_group import ParameterGroup
@@ -89,16 +90,19 @@ class Optimizer:
     def _groups(self) -> tuple[ParameterGroup, ...]:
         return (*self._model.parameter_groups(), *self._others)
 
-    def learning_rates(self, step: int) -> dict[str, float]:
-        """Learning rate of every column and group at ``step``; 0 if frozen."""
-        rates = {
+    def schedules(self) -> dict[str, LearningRate]:
+        """Course of the learning rate of every column and group, before ``rate_factor``."""
+        return {
             name: column.learning_rate
             for name, column in self._model.columns().items()
             if column.learning_rate is not None
         } | {group.name: group.learning_rate for group in self._groups()}
+
+    def learning_rates(self, step: int) -> dict[str, float]:
+        """Learning rate of every column and group at ``step``; 0 if frozen."""
         return {
             name: 0.0 if name in self._frozen else self._settings.rate_factor * rate.at(step)
-            for name, rate in rates.items()
+            for name, rate in self.schedules().items()
         }
 
     def tensors(self) -> list[Tensor]:

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 from torch import Tensor, nn
 
 from gsfw.core.cameras import Cameras
@@ -40,6 +40,8 @@ class PoseRefinement(nn.Module):
 
     depths: Tensor
     """[p]: depths of the pivots, in scene units."""
+    rows: Tensor
+    """[v]: row of the pose of each training view."""
     common: Tensor
     """[6 p, directions]: an orthonormal basis of the common motions of all cameras."""
 
@@ -57,6 +59,7 @@ class PoseRefinement(nn.Module):
         numbers: dict[object, int] = {}
         for camera in train:
             numbers.setdefault(_pose(camera), len(numbers))
+        rows = torch.tensor([numbers[_pose(camera)] for camera in train])
         self._rows: Mapping[Split, Sequence[int | None]] = {
             split: [numbers.get(_pose(camera)) for camera in data.views(split).cameras]
             for split in Split
@@ -67,6 +70,7 @@ class PoseRefinement(nn.Module):
         """[p, 6]: rotation vectors in radians, translations in extents; in the camera's axes."""
         depths = scene_depths(poses, data.scene)
         common = common_motions(poses.double(), depths.double(), self.extent).float()
+        self.register_buffer("rows", rows, persistent=False)
         self.register_buffer("depths", depths, persistent=False)
         self.register_buffer("common", common, persistent=False)
 
@@ -86,6 +90,16 @@ class PoseRefinement(nn.Module):
         pivots = torch.stack([depths[0 if row is None else row] for row in rows])
         moved = motion_matrices(chosen, pivots, self.extent) @ like
         return replace(cameras, world_to_camera=moved)
+
+    def refined(self, cameras: Cameras, numbers: Int[Tensor, " c"]) -> Cameras:
+        """The refined cameras of training views, by their numbers; the host waits for nothing."""
+        like, rows = cameras.world_to_camera, self.rows.index_select(0, numbers)
+        motions, pivots = (
+            values.index_select(0, rows).to(like) for values in (self.motions, self.depths)
+        )
+        return replace(
+            cameras, world_to_camera=motion_matrices(motions, pivots, self.extent) @ like
+        )
 
     @torch.no_grad()
     def project_(self) -> None:

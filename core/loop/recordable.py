@@ -38,8 +38,5 @@ def _place_of(name: str, order: tuple[type, ...]) -> int:
 
 def has_graphs(parts: TrainingParts) -> bool:
     """True if the steps of a run have only parts that a graph can have."""
-    corrections = parts.corrections
-    corrected = corrections.exposures is not None or corrections.poses is not None
     alone = type(parts.team) is Team and parts.rendered is None and parts.edited is None
-    rasterizer = parts.rasterizer.can_be_captured
-    return rasterizer and alone and not (corrected or parts.optimizer.sparse)
+    return parts.rasterizer.can_be_captured and alone and not parts.optimizer.sparse

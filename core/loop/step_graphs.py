@@ -22,12 +22,13 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.batch import Batch
+from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.forward import RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.recordable import can_be_recorded, graph_key, has_graphs, promises
 from gsfw.core.loop.recording import Recorder, Recording
+from gsfw.core.loop.step_inputs import StepInputs
 from gsfw.core.loop.training_parts import TrainingParts
-from gsfw.core.render_settings import RenderSettings
 
 logger = logging.getLogger(__name__)
 
@@ -53,53 +54,6 @@ class Outcome:
     """True if the parameters were changed."""
     is_gated: bool = False
     """True if the statistics of a step that changed nothing are zeros already."""
-
-
-@dataclass(frozen=True)
-class StepInputs:
-    """The inputs of a step that differ from step to step."""
-
-    batch: Batch
-    settings: RenderSettings
-    rates: Float64[Tensor, " g"] | None = None
-    """Learning rates by column and group, where they are on the device."""
-
-    def tensors(self) -> list[Tensor]:
-        """All tensors of the batch, and the background; in the same order each time."""
-        batch, cameras = self.batch, self.batch.cameras
-        found = (batch.images, batch.alpha, batch.mask, cameras.world_to_camera)
-        others = (cameras.intrinsics, cameras.time, cameras.camera_index)
-        every = (*found, *others, self.settings.background)
-        return [tensor for tensor in every if tensor is not None]
-
-    def copied(self) -> StepInputs:
-        """The same in memory of its own."""
-        batch, cameras = self.batch, self.batch.cameras
-        cameras = replace(
-            cameras,
-            world_to_camera=_copy(cameras.world_to_camera),
-            intrinsics=_copy(cameras.intrinsics),
-            time=None if cameras.time is None else _copy(cameras.time),
-            camera_index=None if cameras.camera_index is None else _copy(cameras.camera_index),
-        )
-        batch = replace(
-            batch,
-            images=_copy(batch.images),
-            cameras=cameras,
-            alpha=None if batch.alpha is None else _copy(batch.alpha),
-            mask=None if batch.mask is None else _copy(batch.mask),
-        )
-        given = self.settings.background
-        background = None if given is None else _copy(given)
-        return StepInputs(batch, replace(self.settings, background=background))
-
-    def kind(self) -> Hashable:
-        """The properties that all steps of one graph share."""
-        batch, cameras = self.batch, self.batch.cameras
-        shapes = tuple((tensor.shape, tensor.dtype) for tensor in self.tensors())
-        present = (batch.alpha is None, batch.mask is None, batch.mask_mode, cameras.time is None)
-        settings = replace(self.settings, background=None)
-        return shapes, present, cameras.model, cameras.width, cameras.height, settings
 
 
 Work = Callable[[StepInputs, int], Outcome]
@@ -174,7 +128,7 @@ class StepGraphs:
     def _kind(self, inputs: StepInputs, step: int) -> Hashable | None:
         """The kind of a step, which has a graph of its own; ``None`` if it cannot be recorded."""
         parts = self._parts
-        if self._recorder is None or inputs.batch.maps:
+        if self._recorder is None:
             return None
         own, refiners = graph_key(parts.method, step), parts.refiners
         if own is None or not all(can_be_recorded(refiner, step) for refiner in refiners):
@@ -228,10 +182,8 @@ class StepGraphs:
             logger.info("images of recorded steps had no room; the next recordings have more")
             self._parts.rasterizer.make_room()
             self._graphs.clear()
-        (item,) = graph.outcome.rendered
-        batch = replace(item.context.batch, views=inputs.batch.views)
-        context = replace(item.context, step=step, batch=batch)
-        return replace(graph.outcome, rendered=[replace(item, context=context)])
+        pairs = zip(graph.outcome.rendered, inputs.batches, strict=True)
+        return replace(graph.outcome, rendered=[_shown(*pair, step) for pair in pairs])
 
     def _looks(self) -> bool:
         """True after 1, 2, 4 and so on replays, and then after every ``LOOK_EVERY``."""
@@ -244,17 +196,18 @@ class _Rates:
 
     def __init__(self, optimizer: Optimizer, device: torch.device) -> None:
         self._optimizer, self._device = optimizer, device
-        self._names: tuple[str, ...] = ()
+        self._schedules: dict[str, LearningRate] = {}
         self._begin = 0
         self._table = torch.empty(0, 0, dtype=torch.float64)
         self._current = torch.empty(0, dtype=torch.float64)
 
     def follow(self) -> None:
-        """Look for other columns and groups, before a recording; they stay while it holds."""
-        names = tuple(self._optimizer.learning_rates(0))
-        if names != self._names:
-            self._names, self._table = names, self._table[:0]
-            self._current = torch.empty(len(names), dtype=torch.float64, device=self._device)
+        """Look for other columns, groups and schedules before a recording; they stay with it."""
+        schedules = self._optimizer.schedules()
+        if schedules.keys() != self._schedules.keys():
+            self._current = torch.empty(len(schedules), dtype=torch.float64, device=self._device)
+        if schedules != self._schedules:
+            self._schedules, self._table = schedules, self._table[:0]
 
     def at(self, step: int) -> Float64[Tensor, " g"]:
         """The rates of a step, always at the same place while columns and groups stay."""
@@ -290,14 +243,16 @@ class _Look:
         return self._known > known
 
 
-def _copy(tensor: Tensor) -> Tensor:
-    return tensor.clone(memory_format=torch.contiguous_format)
-
-
 def _detached(outcome: Outcome) -> Outcome:
     """The same without the graph of autograd, which ends with the step; gated."""
     rendered = [_without_graph(item, outcome.finite) for item in outcome.rendered]
     return replace(outcome, rendered=rendered, is_gated=True)
+
+
+def _shown(item: RenderedBatch, batch: Batch, step: int) -> RenderedBatch:
+    """The result of a replay, as that of a step and of its views."""
+    repeated = replace(item.context.batch, views=batch.views)
+    return replace(item, context=replace(item.context, step=step, batch=repeated))
 
 
 def _without_graph(item: RenderedBatch, finite: Tensor) -> RenderedBatch:
@@ -307,6 +262,9 @@ def _without_graph(item: RenderedBatch, finite: Tensor) -> RenderedBatch:
     images = {name: image.detach() for name, image in images.items() if image is not None}
     rendered = replace(output, **images, statistics=output.statistics.where(finite))
     splats = context.splats.map(lambda tensor: tensor.detach())
-    context = replace(context, splats=splats, rendered=rendered)
+    cameras = context.batch.cameras
+    cameras = replace(cameras, world_to_camera=cameras.world_to_camera.detach())
+    batch = replace(context.batch, cameras=cameras)
+    context = replace(context, batch=batch, splats=splats, rendered=rendered)
     losses = {name: value.detach() for name, value in item.losses.items()}
     return replace(item, context=context, losses=losses, total=item.total.detach(), by_rows=())

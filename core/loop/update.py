@@ -14,7 +14,8 @@ from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.forward import Forward, RenderedBatch
 from gsfw.core.loop.recording import Recorder
-from gsfw.core.loop.step_graphs import Outcome, StepGraphs, StepInputs
+from gsfw.core.loop.step_graphs import Outcome, StepGraphs
+from gsfw.core.loop.step_inputs import StepInputs
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_settings import RenderSettings
@@ -91,13 +92,11 @@ class Update:
         """Render the batches of this process and update all parameters, by a graph if possible."""
 
         def work(inputs: StepInputs, step: int) -> Outcome:
-            return self._worked(
-                forward, [inputs.batch], [inputs.settings], views, step, inputs.rates
-            )
+            return self._worked(forward, inputs.batches, inputs.settings, views, step, inputs.rates)
 
-        if self._graphs is None or len(batches) != 1:
+        if self._graphs is None:
             return self._worked(forward, batches, settings, views, step)
-        outcome = self._graphs.run(StepInputs(batches[0], settings[0]), step, work)
+        outcome = self._graphs.run(StepInputs(batches, settings), step, work)
         self.is_underway = True  # A replay changes parameters without passing through ``work``.
         return outcome
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -27,6 +27,8 @@ class CudaOperators(Operators):
     Repeating gives the same bits, but for the gradients of planes and of hash grids: atomics add
     them in no fixed order. Where torch is told to use deterministic algorithms, it gets these.
     """
+
+    fixed_shapes: ClassVar[bool] = True
 
     def __init__(self, launcher: Launcher | None = None) -> None:
         """Without ``launcher`` kernels run on the device that the tensors are on."""

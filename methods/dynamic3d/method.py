@@ -13,7 +13,7 @@ on, where the paper expects every row to go straight on.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.recordable import graph_key
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderOutput
@@ -69,6 +70,8 @@ class TrackedGaussiansMethod(MovingMethod):
         self._first_step: int | None = None
         self._planned_steps = 0
         self._has_masks = False
+        self._tracked: TrackedGaussians | None = None
+        """The model of the current step; ``None`` before the first."""
 
     def begin(self, scene: Scene, views: Views, model: PrimitiveModel) -> None:
         """Count the training views of each time; add the segmentation if views have masks.
@@ -144,18 +147,19 @@ class TrackedGaussiansMethod(MovingMethod):
             config.neighbors,
             config.neighbors_per_step,
         )
-        return TrackedGaussians(canonical, regularization, config.colors == "soft")
+        return TrackedGaussians(canonical, regularization, operators, config.colors == "soft")
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Start the next time with its first view; set rates and the SH degree.
+        """Start the next time with its first view; set rates, neighbours and the SH degree.
 
         Raises:
             ConfigError: the views are not in order of time.
         """
         assert isinstance(model, TrackedGaussians)
         assert time is not None
+        self._tracked = model
         self._static.prepare(step, model.canonical, optimizer, time)
         current = model.trajectory.current
         if current is not None and time < current:
@@ -170,6 +174,15 @@ class TrackedGaussiansMethod(MovingMethod):
                 self._start(step, model, optimizer)
         if self._first_step is not None:
             self._set_rates(model)
+        if model.tracking:
+            model.neighbors(step)
+
+    def graph_key(self, step: int) -> Hashable | None:
+        """The key of method 3dgs, the number of finished times, and that of neighbours."""
+        own, model = graph_key(self._static, step), self._tracked
+        if own is None or model is None:
+            return None
+        return own, model.trajectory.num_finished, model.num_neighbors(step)
 
     def _start(self, step: int, model: TrackedGaussians, optimizer: Optimizer) -> None:
         """Start to track a time.

@@ -25,7 +25,7 @@ from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.operators import Operators
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.dynamic3d.neighborhood import Neighborhood
-from gsfw.methods.dynamic3d.rigidity import rigidity
+from gsfw.methods.dynamic3d.rigidity import Neighbors, rigidity
 from gsfw.methods.dynamic3d.segmentation import background_change
 from gsfw.methods.dynamic3d.trajectory import Pose, Trajectory
 from gsfw.methods.gaussians3d.model import StaticGaussians
@@ -52,10 +52,15 @@ class TrackedGaussians(DensifiableModel):
     divisible = False  # Neighbours.
 
     def __init__(
-        self, canonical: StaticGaussians, regularization: Regularization, moving_colors: bool
+        self,
+        canonical: StaticGaussians,
+        regularization: Regularization,
+        operators: Operators,
+        moving_colors: bool,
     ) -> None:
         """Start with static Gaussians, before the first time."""
         super().__init__()
+        self._operators = operators
         self.canonical = canonical
         self._regularization = regularization
         self._moving_colors = moving_colors
@@ -166,8 +171,8 @@ class TrackedGaussians(DensifiableModel):
 
     def _rigidity(self, context: StepContext, now: Pose, before: Pose) -> dict[str, Tensor]:
         """The terms of neighbours, among foreground rows only if there are masks."""
-        weights, near = self._regularization, self._neighbors(context)
-        neighbors = near.some(context.step, self.trajectory, now.means)
+        weights, near = self._regularization, self._near()
+        neighbors = self.neighbors(context.step)
         if len(neighbors.rows) == 0:
             return {}
         rigid, rotation, isometry = rigidity(
@@ -179,7 +184,18 @@ class TrackedGaussians(DensifiableModel):
             "isometry": weights.isometry / context.extent * isometry,
         }
 
-    def _neighbors(self, context: StepContext) -> Neighborhood:
+    def neighbors(self, step: int) -> Neighbors:
+        """The neighbours in the loss of a step of tracking.
+
+        They are chosen before the step, which may be repeated with those of another.
+        """
+        return self._near().some(step, self.trajectory, self.canonical.means.values)
+
+    def num_neighbors(self, step: int) -> int:
+        """Number of neighbours of each row in the loss of a step; 0 at the first time."""
+        return self._near().number(step) if self.tracking else 0
+
+    def _near(self) -> Neighborhood:
         """The neighbours of each row, found once when the first time is finished."""
         if self._neighborhood is None or not self._neighborhood.fits(self.num_rows):
             weights, foreground = self._regularization, self.foreground()
@@ -187,7 +203,7 @@ class TrackedGaussians(DensifiableModel):
                 self.trajectory,
                 weights.neighbors,
                 weights.neighbors_per_step,
-                context.operators,
+                self._operators,
                 None if foreground is None else foreground.nonzero()[:, 0],
             )
         return self._neighborhood

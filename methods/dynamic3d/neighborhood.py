@@ -45,6 +45,11 @@ class Neighborhood:
         # Order of the neighbours in the steps of the current time.
         self._num_turns = -(-self._rows.shape[1] // per_step)
         self._finished, self._turns = 0, dict[int, Neighbors]()
+        self._stays = operators.fixed_shapes
+        self._places: dict[int, Neighbors] = {}
+        """The places at which steps read so many neighbours, if they stay there."""
+        self._placed: tuple[int, int] | None = None
+        """Finished times and turn of the neighbours that are there now."""
 
     def fits(self, num_rows: int) -> bool:
         """True if this belongs to a model with so many rows."""
@@ -54,14 +59,38 @@ class Neighborhood:
         """Values of the rows that take part; differentiable."""
         return values if self._members is None else values.index_select(0, self._members)
 
+    def number(self, step: int) -> int:
+        """Number of neighbours of each row in ``some``."""
+        return len(range(self._rows.shape[1])[self._chosen(step)])
+
     def some(self, step: int, trajectory: Trajectory, like: Tensor) -> Neighbors:
-        """Some neighbours of each row; later steps use others until all were used."""
+        """Some neighbours of each row; later steps use others until all were used.
+
+        Where steps have fixed shapes, all steps with as many neighbours read them at one place.
+        Asking again for those of the same step changes nothing there.
+        """
+        turn = self._turn(step, trajectory, like)
+        if not self._stays:
+            return turn
+        number, placed = turn.rows.shape[1], (self._finished, step % self._num_turns)
+        if number not in self._places:
+            self._places[number] = Neighbors(*(tensor.clone() for tensor in _tensors(turn)))
+        elif placed != self._placed:
+            torch._foreach_copy_(_tensors(self._places[number]), _tensors(turn))
+        self._placed = placed
+        return self._places[number]
+
+    def _chosen(self, step: int) -> slice:
+        return slice(step % self._num_turns, None, self._num_turns)
+
+    def _turn(self, step: int, trajectory: Trajectory, like: Tensor) -> Neighbors:
+        """The neighbours of a step, worked out once for each time."""
         if self._finished != trajectory.num_finished:
             self._finished = trajectory.num_finished
             self._turns.clear()
         turn = step % self._num_turns
         if turn not in self._turns:
-            chosen = slice(turn, None, self._num_turns)
+            chosen = self._chosen(step)
             rows = self._rows[:, chosen].contiguous()
             previous = self.of(trajectory.stored(self._finished - 1, like).means)
             self._turns[turn] = Neighbors(
@@ -71,6 +100,10 @@ class Neighborhood:
                 self._lengths[:, chosen].to(like),
             )
         return self._turns[turn]
+
+
+def _tensors(neighbors: Neighbors) -> list[Tensor]:
+    return [neighbors.rows, neighbors.weights, neighbors.previous, neighbors.lengths]
 
 
 def _offsets(points: Float[Tensor, "n 3"], rows: Int[Tensor, "n k"]) -> Float[Tensor, "n k 3"]:

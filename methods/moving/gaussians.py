@@ -70,6 +70,11 @@ class MovingGaussians(DensifiableModel):
         """True if any row changes with time at this step; false in a phase without motion."""
         return True
 
+    @property
+    def selects(self) -> bool:
+        """True if only visible rows become splats, for whose number the host waits."""
+        return False
+
     def active_bands(self) -> int:
         """Active bands of the canonical Gaussians."""
         return self.canonical.active_bands()

@@ -104,10 +104,12 @@ class MovingMethod(Method):
     def shared_key(self, step: int) -> Hashable | None:
         """The part of a ``graph_key`` that all methods have: losses, SH degree, rows that change.
 
-        ``None`` if steps cannot be recorded because of them.
+        ``None`` if steps cannot be recorded because of them, or select the visible rows.
         """
         own, model = graph_key(self._static, step), self._prepared
-        return None if own is None or model is None else (own, model.rows_version())
+        if own is None or model is None or model.selects:
+            return None
+        return own, model.rows_version()
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
         """Adaptive bands and penalties of method 3dgs, and settling under static=auto."""

@@ -6,16 +6,19 @@ of it. Density control uses the gradient of temporal centres too, as in the pape
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import TYPE_CHECKING
 
 import torch
 
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.methods.moving.method import MovingMethod
-from gsfw.methods.rotor4d.model import MAX_DURATION, Regularization, SlicedGaussians
+from gsfw.methods.rotor4d.model import MAX_DURATION, SlicedGaussians
+from gsfw.methods.rotor4d.regularization import Regularization
 from gsfw.methods.rotor4d.rotation import Rotation
 from gsfw.methods.rotor4d.rotor import Rotor
 from gsfw.methods.rotor4d.two_quaternions import TwoQuaternions
@@ -34,6 +37,7 @@ class SlicedGaussiansMethod(MovingMethod):
     def __init__(self, config: SlicedGaussiansConfig) -> None:
         super().__init__(config, config)
         self.config = config
+        self._extent = 1.0
 
     def build_model(
         self,
@@ -44,6 +48,7 @@ class SlicedGaussiansMethod(MovingMethod):
     ) -> SlicedGaussians:
         """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self.config
+        self._extent = scene.extent
         canonical = self._static.build_model(scene, operators, generator, initial)
         if initial is None:
             centers = self.start_times(scene, canonical.num_rows, generator)
@@ -63,6 +68,18 @@ class SlicedGaussiansMethod(MovingMethod):
             ),
             still=self.still_rows(scene, canonical.num_rows, initial),
         )
+
+    def prepare(
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
+        """Set the SH degree of the step, and search for neighbours if it is time for it."""
+        assert isinstance(model, SlicedGaussians)
+        super().prepare(step, model, optimizer, time)
+        model.refresh_neighbors_(step, self._extent)
+
+    def graph_key(self, step: int) -> Hashable | None:
+        """The key that all moving methods share."""
+        return self.shared_key(step)
 
 
 def min_duration(scene: Scene) -> float:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -41,31 +41,18 @@ from gsfw.methods.moving.gaussians import MovingGaussians, moving_children
 from gsfw.methods.moving.presence import Presence
 from gsfw.methods.moving.still_rows import StillRows
 from gsfw.methods.rotor4d.neighbor_graph import NeighborGraph
+from gsfw.methods.rotor4d.regularization import Regularization, disagreement, entropy
 from gsfw.methods.rotor4d.rotation import Rotation
 
 MAX_DURATION = 10.0
 """Longest scale in time, in sequences: the opacity then changes by 0.5 % at most."""
 NEW_DURATION = 0.2
 """Standard deviation in time of new rows at rendering errors."""
-UNSEEN_SHARE = 0.01
-"""Weight of the entropy of rows that a step does not render, relative to that of the others."""
-MIN_ENTROPY_OPACITY = 1e-3
-"""Opacities this close to 0 or 1 are decided: the entropy has no effect on them."""
 NEIGHBORS = 8
 """Number of neighbours in the comparison of velocities, as in the paper."""
 SEQUENCE_LENGTH = 1.0
 """Distance of the ends of the sequence in the search of neighbours, in extents. The paper has 5 in
 the units of D-NeRF, whose cameras stand 4 away from the origin."""
-
-
-@dataclass(frozen=True)
-class Regularization:
-    """Weights of the regularizers."""
-
-    entropy: float
-    velocity: float
-    refresh_every: int
-    """Steps between searches of neighbours."""
 
 
 class SlicedGaussians(MovingGaussians):
@@ -98,7 +85,7 @@ class SlicedGaussians(MovingGaussians):
             time_centers: times of their largest opacity.
             rates: learning rate of every column.
             rotation: trained form of rotations.
-            operators: for slices.
+            operators: for slices and neighbours.
             duration: initial standard deviation in time, in sequences.
             min_duration: the shortest standard deviation.
             regularization: weights of the regularizers.
@@ -131,13 +118,10 @@ class SlicedGaussians(MovingGaussians):
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The visible slices at ``time``; at 0, where a file begins, for ``None``.
-
-        The host waits for a GPU, which computes their number.
-        """
+        """The visible slices at ``time``, or all; at 0, where a file begins, for ``None``."""
         centers = self.time_centers.values
         time = centers.new_zeros(()) if time is None else time.to(centers)
-        rows = self._visible(time) if self.still is None else None
+        rows = self._visible_rows(time) if self.selects else None
         still = self._still(rows)
         sliced, elapsed = self._sliced(rows), time - _taken(centers, rows)
         faded = self.everywhere(weights(elapsed, sliced.variances), otherwise=1.0)
@@ -150,11 +134,19 @@ class SlicedGaussians(MovingGaussians):
             scales=None,
         )
 
+    @property
+    def selects(self) -> bool:
+        """True if only visible rows are sliced, for whose number the host waits; none are static.
+
+        A selection would copy the static ones.
+        """
+        return self.still is None and not self._operators.fixed_shapes
+
     @torch.no_grad()
-    def _visible(self, time: Float[Tensor, ""]) -> Int[Tensor, " m"] | None:
+    def _visible_rows(self, time: Float[Tensor, ""]) -> Int[Tensor, " m"] | None:
         """Rows that are opaque enough to be visible at a pixel; ``None`` when all are."""
         faded = weights(time - self.time_centers.values, self._variances())
-        rows = (self.canonical.opacities() * faded >= DEFAULT.alpha_min).nonzero()[:, 0]
+        rows = _visible(self.canonical.opacities() * faded).nonzero()[:, 0]
         return None if len(rows) == len(faded) else rows
 
     def _still(self, rows: Int[Tensor, " m"] | None = None) -> Splats:
@@ -202,6 +194,18 @@ class SlicedGaussians(MovingGaussians):
 
     # Training.
 
+    def refresh_neighbors_(self, step: int, extent: float) -> None:
+        """Search for the neighbours of moving rows, if it is time for it, before a step.
+
+        The host does it. In place: a recorded step reads them where they are.
+        """
+        centers = self.time_centers.values.detach()
+        needed = self._regularization.velocity > 0 and len(centers) > 1
+        if needed and self.graph.is_due(step, len(centers)):
+            means = self.taken(self.canonical.means.values.detach())
+            placed = SEQUENCE_LENGTH * extent * centers[:, None]
+            self.graph.refresh_(torch.cat([means, placed], dim=1), self._operators)
+
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Entropy of the opacities, and differences of velocities from those of neighbours."""
         weight, rows = self._regularization, context.splats.rows
@@ -211,36 +215,23 @@ class SlicedGaussians(MovingGaussians):
             if rows is not None:
                 everywhere = seen.new_zeros(self.num_rows)
                 seen = everywhere.index_copy(0, rows, seen)
-            terms["entropy"] = weight.entropy * self._entropy(seen)
+            terms["entropy"] = weight.entropy * entropy(self.canonical.opacity_logits.values, seen)
         if weight.velocity > 0 and len(self.time_centers.values) > 1:
-            means = self.taken(self.canonical.means.values)
-            points = torch.cat([means, self._placed(context.extent)], dim=1)
-            self.graph.refresh_(context.step, points.detach(), context.operators)
-            terms["velocity"] = weight.velocity * self._disagreement(rows) / context.extent
+            different = self._disagreement(context.splats)
+            terms["velocity"] = weight.velocity * different / context.extent
         return terms
 
-    def _placed(self, extent: float) -> Float[Tensor, "m 1"]:
-        """Temporal centres as a fourth coordinate, in scene units."""
-        return (SEQUENCE_LENGTH * extent) * self.time_centers.values[:, None]
-
-    def _entropy(self, seen: Bool[Tensor, " n"]) -> Float[Tensor, ""]:
-        """Mean of -o log o over rendered rows, and, with a small weight, over all others."""
-        logits = self.canonical.opacity_logits.values
-        opacities = logits.sigmoid().clamp(MIN_ENTROPY_OPACITY, 1.0 - MIN_ENTROPY_OPACITY)
-        entropies = -opacities * opacities.log()
-        means = [(entropies * part).sum() / part.sum().clamp_min(1) for part in (seen, ~seen)]
-        return means[0] + UNSEEN_SHARE * means[1]
-
-    def _disagreement(self, rows: Int[Tensor, " m"] | None) -> Float[Tensor, ""]:
-        """Mean of |velocity - mean velocity of the neighbours| (L1) over the rendered rows.
+    def _disagreement(self, splats: Splats) -> Float[Tensor, ""]:
+        """Mean difference of the velocities of visible rows from the means of their neighbours.
 
         Neighbours are among the moving rows: static ones must not slow them down.
         """
-        velocities = self._sliced().velocities
+        velocities, rows = self._sliced().velocities, splats.rows
         if rows is None:
             rows = torch.arange(len(velocities), device=velocities.device)
-        differences = velocities.index_select(0, rows) - self.graph.mean(velocities, rows)
-        return differences.abs().sum() / max(len(rows), 1)
+        chosen, around = velocities.index_select(0, rows), self.graph.mean(velocities, rows)
+        every = self.selects or self.still is not None
+        return disagreement(chosen, around, None if every else _visible(splats.opacities.detach()))
 
     @torch.no_grad()
     def project_(self) -> None:
@@ -383,6 +374,11 @@ class SlicedGaussians(MovingGaussians):
         self.write_temporal_("time_quats", rows, second)
         self.write_temporal_("time_centers", rows, times)
         self.write_temporal_("log_durations", rows, torch.full_like(times, math.log(MAX_DURATION)))
+
+
+def _visible(opacities: Float[Tensor, " n"]) -> Bool[Tensor, " n"]:
+    """True for rows that are opaque enough to be visible at a pixel."""
+    return opacities >= DEFAULT.alpha_min
 
 
 def _taken(values: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:

@@ -26,10 +26,17 @@ class NeighborGraph(nn.Module):
         self._count, self._refresh_every = count, refresh_every
         self.register_buffer("rows", torch.zeros(0, count, dtype=torch.int64))
 
-    def refresh_(self, step: int, points: Float[Tensor, "n d"], operators: Operators) -> None:
-        """Recompute the graph if it is due, or if the number of rows has changed."""
-        if len(self.rows) != len(points) or step % self._refresh_every == 0:
-            self.rows = operators.neighbors(points, self._count)
+    def is_due(self, step: int, count: int) -> bool:
+        """True at intervals of steps, and if the number of rows has changed."""
+        return len(self.rows) != count or step % self._refresh_every == 0
+
+    def refresh_(self, points: Float[Tensor, "n d"], operators: Operators) -> None:
+        """Recompute the graph; in place if it has as many rows, since recorded steps read it."""
+        found = operators.neighbors(points, self._count)
+        if found.shape == self.rows.shape:
+            self.rows.copy_(found)
+        else:
+            self.rows = found
 
     def mean(self, values: Float[Tensor, "n d"], rows: Int[Tensor, " r"]) -> Float[Tensor, "r d"]:
         """Mean over the neighbours of ``rows``."""

@@ -72,6 +72,7 @@ class SpacetimeMethod(MovingMethod):
             canonical,
             start,
             config.optim.learning_rates(scene.extent),
+            operators,
             min_duration=min_duration(scene),
             lifetime_reg=config.lifetime_reg,
             decoder=FeatureDecoder(generator) if features else None,
@@ -80,10 +81,7 @@ class SpacetimeMethod(MovingMethod):
         return self._model
 
     def graph_key(self, step: int) -> Hashable | None:
-        """The key that all moving methods share; none if a step selects the visible rows."""
-        model = self._prepared
-        if not isinstance(model, SpacetimeGaussians) or model.selects:
-            return None
+        """The key that all moving methods share."""
         return self.shared_key(step)
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:

@@ -72,6 +72,7 @@ class SpacetimeGaussians(MovingGaussians):
         canonical: StaticGaussians,
         start: TemporalParameters,
         rates: Mapping[str, LearningRate],
+        operators: Operators,
         *,
         min_duration: float,
         lifetime_reg: float,
@@ -84,6 +85,7 @@ class SpacetimeGaussians(MovingGaussians):
             canonical: shape and colour at the temporal centre.
             start: temporal parameters.
             rates: learning rate of every column, and of the decoder.
+            operators: tell whether steps have fixed shapes.
             min_duration: shortest standard deviation in time, in sequences.
             lifetime_reg: weight of the mean opacity at the time of a step.
             decoder: given exactly when ``start`` has features.
@@ -92,6 +94,7 @@ class SpacetimeGaussians(MovingGaussians):
         super().__init__(canonical, still)
         self.order = start.motion.shape[1]
         self.decoder = decoder
+        self._operators = operators
         self._decoder_rate = rates["decoder"]
         self._log_limits = (math.log(min_duration), math.log(MAX_DURATION))
         self._lifetime_reg = lifetime_reg
@@ -141,7 +144,7 @@ class SpacetimeGaussians(MovingGaussians):
 
         With static rows, all are: a selection would copy the static ones.
         """
-        return self.still is None
+        return self.still is None and not self._operators.fixed_shapes
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None

@@ -20,6 +20,8 @@ from support.tape import TapeLauncher, TapeRecorder
 SETTINGS = {
     **{"method": "3dgs", "rasterizer": "reference", "steps": "40", "strategy": "adc"},
     **{"sh_degree": "1", "sh_degree_interval": "4", "log_every": "1000", "max_skipped": "1000"},
+}
+BUILT_IN = {
     **{"datamanager.views": "5", "datamanager.eval_views": "1", "datamanager.points": "60"},
     **{"datamanager.width": "40", "datamanager.height": "32"},
 }
@@ -29,7 +31,8 @@ class Run:
     """A run whose images, losses and steps come from the CUDA kernels, on the emulation."""
 
     def __init__(self, folder, recorded: bool, **settings: str) -> None:
-        layers = [Layer(COMMAND_LINE, SETTINGS | settings)]
+        given = SETTINGS | ({} if "data" in settings else BUILT_IN) | settings
+        layers = [Layer(COMMAND_LINE, given)]
         composition = compose(resolve(installed(), layers), installed())
         launcher = TapeLauncher()
         operators = CudaOperators(launcher)
@@ -37,7 +40,8 @@ class Run:
         for module in parts.model.modules():  # Made for the CPU, whose kernels are not recorded.
             if hasattr(module, "_operators"):
                 module._operators = operators
-        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings())
+        groups = parts.corrections.parameter_groups()
+        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings(), groups)
         self.rasterizer = CudaRasterizer(launcher)
         self.parts = replace(
             parts,
@@ -81,3 +85,7 @@ class Run:
 
     def columns(self) -> dict[str, torch.Tensor]:
         return {name: c.values.detach() for name, c in self.parts.model.columns().items()}
+
+    def corrections(self) -> dict[str, torch.Tensor]:
+        found = self.parts.corrections.named_parameters()
+        return {name: values.detach() for name, values in found}

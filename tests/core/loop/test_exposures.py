@@ -34,7 +34,9 @@ def rendered() -> RenderOutput:
 
 
 def test_nothing_changes_at_the_start_to_the_bit(rendered):
-    assert torch.equal(exposures().apply_to(rendered, (1,), BACKGROUND).color, rendered.color)
+    assert torch.equal(
+        exposures().apply_to(rendered, torch.tensor([1]), BACKGROUND).color, rendered.color
+    )
 
 
 def test_what_splats_show_is_mapped_and_the_background_is_not(rendered):
@@ -44,7 +46,7 @@ def test_what_splats_show_is_mapped_and_the_background_is_not(rendered):
     # Where splats cover a part of a pixel, that part of the pixel is mapped.
     shown = (rendered.color - behind) / rendered.alpha.clamp_min(1e-3)
     wanted = rendered.alpha * (shown @ matrix[:, :3].T + matrix[:, 3]) + behind
-    found = made.apply_to(rendered, (2,), BACKGROUND).color
+    found = made.apply_to(rendered, torch.tensor([2]), BACKGROUND).color
     clear = (rendered.alpha > 1e-3).expand_as(found)
     torch.testing.assert_close(found[clear], wanted[clear], atol=1e-6, rtol=0)
     empty = (rendered.alpha == 0).expand_as(found)
@@ -54,7 +56,7 @@ def test_what_splats_show_is_mapped_and_the_background_is_not(rendered):
 
 def test_only_the_views_of_a_batch_have_a_gradient(rendered):
     made = exposures()
-    made.apply_to(rendered, (1,), BACKGROUND).color.square().sum().backward()
+    made.apply_to(rendered, torch.tensor([1]), BACKGROUND).color.square().sum().backward()
     assert made.changes.grad[1].abs().min() > 0
     assert made.changes.grad[[0, 2]].abs().max() == 0
 

@@ -28,6 +28,39 @@ def test_all_neighbors_have_their_turn_once():
         assert torch.equal(again, rows[0])
 
 
+def test_steps_of_fixed_shapes_read_the_same_neighbors_at_one_place(monkeypatch):
+    model = after((0.0, 0.5))
+    usual = neighborhood(model, 4)  # Turns of 3 neighbours.
+    monkeypatch.setattr(Operators, "fixed_shapes", True)
+    staying = neighborhood(model, 4)
+    places = set()
+    for step in (0, 1, 2, 3, 3, 4, 6):
+        if step == 4:
+            model.advance_(1.0)
+        expected = usual.some(step, model.trajectory, LIKE)
+        found = staying.some(step, model.trajectory, LIKE)
+        for name in ("rows", "weights", "previous", "lengths"):
+            assert torch.equal(getattr(found, name), getattr(expected, name)), (step, name)
+        assert staying.number(step) == 3
+        places.add(found.previous.data_ptr())
+    assert len(places) == 1
+
+
+def test_turns_of_unequal_numbers_have_places_of_their_own(monkeypatch):
+    monkeypatch.setattr(Operators, "fixed_shapes", True)
+    model = after((0.0, 1.0))
+    made = neighborhood(model, 5)
+    made_of_five = Neighborhood(model.trajectory, 5, 3, Operators())
+    assert [made.number(step) for step in range(3)] == [3, 3, 3]
+    assert [made_of_five.number(step) for step in range(3)] == [3, 2, 3]
+    for step in range(3):
+        rows = made_of_five.some(step, model.trajectory, LIKE).rows
+        assert rows.shape == (20, made_of_five.number(step))
+    whole = [made_of_five.some(step, model.trajectory, LIKE).rows.clone() for step in range(2)]
+    expected = Operators().neighbors(model.trajectory.stored(0, LIKE).means, 5)
+    assert torch.equal(torch.cat(whole, dim=1).sort(1).values, expected.sort(1).values)
+
+
 def test_offsets_are_of_the_previous_time_and_lengths_of_the_first():
     model = after((0.0, 0.5, 1.0))
     known = neighborhood(model).some(0, model.trajectory, LIKE)

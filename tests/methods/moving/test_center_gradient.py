@@ -12,7 +12,8 @@ from gsfw.methods.gaussians3d.initialisation import from_splats
 from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.moving.center_gradient import center_gradients
 from gsfw.methods.rotor4d.config import SlicedGaussiansOptim
-from gsfw.methods.rotor4d.model import Regularization, SlicedGaussians
+from gsfw.methods.rotor4d.model import SlicedGaussians
+from gsfw.methods.rotor4d.regularization import Regularization
 from gsfw.methods.rotor4d.rotor import Rotor
 
 RATE = LearningRate(1e-3)

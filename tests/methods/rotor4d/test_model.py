@@ -21,10 +21,9 @@ from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.rotor4d.config import SlicedGaussiansOptim
 from gsfw.methods.rotor4d.model import (
     MAX_DURATION,
-    UNSEEN_SHARE,
-    Regularization,
     SlicedGaussians,
 )
+from gsfw.methods.rotor4d.regularization import UNSEEN_SHARE, Regularization
 from gsfw.methods.rotor4d.rotation import Rotation
 from gsfw.methods.rotor4d.rotor import Rotor
 from gsfw.methods.rotor4d.two_quaternions import TwoQuaternions
@@ -86,6 +85,7 @@ def regularized(model: SlicedGaussians, visible: torch.Tensor, time: float = 0.5
         render=no_views,
         contributions=no_contributions,
     )  # fmt: skip
+    model.refresh_neighbors_(step, context.extent)
     return model.regularizers(context)
 
 
@@ -130,7 +130,7 @@ def test_rows_that_are_left_out_would_not_have_been_seen(time, monkeypatch):
     drawn = model.splats(at(time))
     assert drawn.rows is not None
     assert 0 < len(drawn) < 60
-    monkeypatch.setattr(SlicedGaussians, "_visible", lambda self, time: None)
+    monkeypatch.setattr(SlicedGaussians, "_visible_rows", lambda self, time: None)
     everything = model.splats(at(time))
     assert everything.rows is None
     assert torch.equal(everything.means[drawn.rows], drawn.means)
@@ -283,6 +283,21 @@ def test_velocities_are_compared_with_the_mean_of_the_neighbors():
     found.backward()
     assert model.time_quats.values.grad is not None
     assert bool(model.time_quats.values.grad.any())
+
+
+def test_regularizers_are_the_same_if_all_rows_are_sliced(monkeypatch):
+    model = gaussians(60, duration=0.1).double()
+    rows = model.splats(at(0.5)).rows
+    assert rows is not None
+    seen = torch.arange(len(rows)) % 3 == 0
+    expected = regularized(model, seen)
+    monkeypatch.setattr(CpuOperators, "fixed_shapes", True)
+    assert model.splats(at(0.5)).rows is None
+    everywhere = torch.zeros(60, dtype=torch.bool).index_copy(0, rows, seen)
+    found = regularized(model, everywhere)
+    assert expected.keys() == found.keys() == {"entropy", "velocity"}
+    for name, value in found.items():
+        torch.testing.assert_close(value, expected[name])
 
 
 def test_regularizers_of_weight_zero_are_left_out():

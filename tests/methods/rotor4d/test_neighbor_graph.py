@@ -12,20 +12,33 @@ def points(n: int, seed: int = 0) -> torch.Tensor:
 
 def test_neighbors_are_looked_for_at_intervals_and_when_rows_come_or_go():
     graph, operators = NeighborGraph(3, refresh_every=10), Operators()
-    graph.refresh_(7, points(20), operators)
-    first = graph.rows
-    assert torch.equal(first, operators.neighbors(points(20), 3))
-    graph.refresh_(8, points(20, seed=1), operators)
-    assert torch.equal(graph.rows, first)
-    graph.refresh_(10, points(20, seed=1), operators)
-    assert not torch.equal(graph.rows, first)
-    graph.refresh_(11, points(25), operators)
+    assert graph.is_due(7, 20)
+    graph.refresh_(points(20), operators)
+    assert torch.equal(graph.rows, operators.neighbors(points(20), 3))
+    assert [graph.is_due(step, 20) for step in (8, 9, 10, 11, 20)] == [
+        False,
+        False,
+        True,
+        False,
+        True,
+    ]
+    assert graph.is_due(8, 25)
+
+
+def test_neighbors_of_as_many_rows_are_where_they_were():
+    graph, operators = NeighborGraph(3, refresh_every=10), Operators()
+    graph.refresh_(points(20), operators)
+    place = graph.rows.data_ptr()
+    graph.refresh_(points(20, seed=1), operators)
+    assert graph.rows.data_ptr() == place
+    assert torch.equal(graph.rows, operators.neighbors(points(20, seed=1), 3))
+    graph.refresh_(points(25), operators)
     assert len(graph.rows) == 25
 
 
 def test_means_are_over_the_neighbors_of_the_rows_asked_for():
     graph = NeighborGraph(3, refresh_every=1)
-    graph.refresh_(0, points(20), Operators())
+    graph.refresh_(points(20), Operators())
     values, rows = points(20, seed=2)[:, :3], torch.tensor([4, 17])
     expected = torch.stack([values[graph.rows[row]].mean(0) for row in (4, 17)])
     torch.testing.assert_close(graph.mean(values, rows), expected)
@@ -33,6 +46,6 @@ def test_means_are_over_the_neighbors_of_the_rows_asked_for():
 
 def test_a_restored_graph_has_the_same_neighbors_whatever_it_had_before():
     graph, other = (NeighborGraph(3, refresh_every=10) for _ in range(2))
-    graph.refresh_(0, points(20), Operators())
+    graph.refresh_(points(20), Operators())
     other.load_state_dict(graph.state_dict())
     assert torch.equal(other.rows, graph.rows)
