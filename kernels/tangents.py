@@ -1,4 +1,4 @@
-"""Tangents: forward-mode derivatives, which kernels do not compute."""
+"""Tangents: forward-mode derivatives, which plain torch alone computes."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
-from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
 from gsfw.core.maths.covariance_noise import NOISE_OPACITY, NOISE_SHARPNESS
@@ -21,6 +20,7 @@ from gsfw.core.stereo.views import StereoViews
 from gsfw.kernels.cpu import field, stereo
 from gsfw.kernels.cpu.native_module import native, required
 from gsfw.kernels.cpu.threads import num_threads
+from gsfw.kernels.tangents import has_tangents
 
 DTYPES = (torch.float32, torch.float64)
 
@@ -43,7 +43,7 @@ class CpuOperators(Operators):
         images = [rendered, target]
         masks = [] if valid is None else [valid]
         served = _served(images) and all(mask.device.type == "cpu" for mask in masks)
-        if not served or target.requires_grad or _tangents(images) or rendered.numel() == 0:
+        if not served or target.requires_grad or has_tangents(images) or rendered.numel() == 0:
             return super().l1_dssim(rendered, target, valid)
         mask = None if valid is None else valid.contiguous().view(torch.uint8)
         return _L1Dssim.apply(rendered.contiguous(), target.contiguous(), mask)
@@ -101,7 +101,7 @@ class CpuOperators(Operators):
         """Products of six interpolated features; native for a multiple of 16 channels."""
         tensors = [places, *planes, *lines]
         fits = planes[0].shape[-1] % field.LANES == 0 and len(places) > 0
-        if not fits or not _served(tensors) or _tangents(tensors):
+        if not fits or not _served(tensors) or has_tangents(tensors):
             return super().plane_product(places, planes, lines, scale)
         return field.plane_product(places, planes, lines, scale)
 
@@ -115,7 +115,7 @@ class CpuOperators(Operators):
         """Interpolated rows of a hash grid's tables."""
         tensors = [places, *tables]
         fits = len(places) > 0 and max(max(size) for size in sizes) < field.MOST_CORNERS
-        if not fits or not _served(tensors) or _tangents(tensors):
+        if not fits or not _served(tensors) or has_tangents(tensors):
             return super().hash_features(places, time, tables, sizes)
         return field.hash_features(places, float(time), tables, sizes)
 
@@ -127,7 +127,7 @@ class CpuOperators(Operators):
     ) -> Slices:
         """Slices of Gaussians of space and time."""
         tensors = [left, right, scales]
-        if len(left) == 0 or not _served(tensors) or _tangents(tensors):
+        if len(left) == 0 or not _served(tensors) or has_tangents(tensors):
             return super().slices(left, right, scales)
         return field.slices(left, right, scales)
 
@@ -142,7 +142,7 @@ class CpuOperators(Operators):
         tensors = [inputs, *(tensor for layer in (*layers, *heads) for tensor in layer)]
         tensors += [] if gate is None else [gate.least]
         fits = all(weights.shape[1] % field.LANES == 0 for weights, _ in (*layers, *heads))
-        if not fits or len(inputs) == 0 or not _served(tensors) or _tangents(tensors):
+        if not fits or len(inputs) == 0 or not _served(tensors) or has_tangents(tensors):
             return super().relu_network(inputs, layers, heads, gate)
         return field.relu_network(inputs, layers, heads, gate)
 
@@ -150,7 +150,7 @@ class CpuOperators(Operators):
         self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
     ) -> Float[Tensor, ""]:
         """Mean squared differences of neighbouring cells; native for one axis, or two in turn."""
-        served = grid.numel() > 0 and _served([grid]) and not _tangents([grid])
+        served = grid.numel() > 0 and _served([grid]) and not has_tangents([grid])
         found = field.squared_differences(grid, axes, order, weight) if served else None
         return super().squared_differences(grid, axes, order, weight) if found is None else found
 
@@ -158,7 +158,7 @@ class CpuOperators(Operators):
         self, values: Float[Tensor, "*cells"], center: float, weight: float
     ) -> Float[Tensor, ""]:
         """``weight`` times the mean of |value - center|."""
-        if values.numel() == 0 or not _served([values]) or _tangents([values]):
+        if values.numel() == 0 or not _served([values]) or has_tangents([values]):
             return super().mean_distance(values, center, weight)
         return field.mean_distance(values, center, weight)
 
@@ -251,11 +251,6 @@ def _stepped(update: AdamUpdate, settings: AdamSettings, finite: Bool[Tensor, ""
         for changed in (values, moments.first, moments.second):
             increment_version(changed)
     return done
-
-
-def _tangents(tensors: Sequence[Tensor]) -> bool:
-    """True if forward-mode derivatives are in use, which only plain torch supports."""
-    return any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
 
 
 def _listed(rows: Tensor) -> bool:

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import AdamSettings, AdamUpdate, Operators
@@ -19,6 +18,7 @@ from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.kernels.cuda.instances import NAMES, kernel_of
 from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
 from gsfw.kernels.cuda.step_jobs import AdamTable
+from gsfw.kernels.tangents import has_tangents
 
 
 class CudaOperators(Operators):
@@ -175,7 +175,7 @@ class CudaOperators(Operators):
 
     def _differentiating(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels with a backward pass; ``None`` if they do not serve these."""
-        return None if _tangents(tensors) else self._launcher(tensors)
+        return None if has_tangents(tensors) else self._launcher(tensors)
 
     def _launcher(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels on these tensors; ``None`` if there is none."""
@@ -287,8 +287,3 @@ def _covers(valid: Tensor | None, images: Tensor) -> bool:
 def _ready(tensors: Sequence[tuple[Tensor, torch.dtype]], device: torch.device) -> bool:
     """True if each tensor is on the device and of its type."""
     return all(tensor.device == device and tensor.dtype == dtype for tensor, dtype in tensors)
-
-
-def _tangents(tensors: Sequence[Tensor]) -> bool:
-    """True if forward-mode derivatives are in use, which only plain torch supports."""
-    return any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
