@@ -113,9 +113,11 @@ class Method(ABC):
 
         Steps with equal keys launch the same work: on a GPU it is then recorded once and repeated,
         which saves most of the host's time. Called after ``prepare``. A key promises that the
-        method and its model read nothing else that changes (numbers of steps, own random numbers),
-        and neither wait for the GPU nor move anything to it. It does not hold for a derived class
-        that has other ``losses``, ``render_settings``, ``prepare`` or ``build_model``.
+        method and its model read nothing else that changes (numbers of steps, own random numbers,
+        learning rates that ``prepare`` replaces), and neither wait for the GPU nor move anything to
+        it. ``prepare`` may do both, and write what changes to a tensor that stays. The key does not
+        hold for a derived class that has other ``losses``, ``render_settings``, ``prepare`` or
+        ``build_model``.
 
         Args:
             step: counted from 0.

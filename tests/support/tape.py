@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from emulation.launcher import EmulatedLauncher
 from torch import Tensor
+from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
@@ -27,6 +28,12 @@ READS = {
 }
 """Operations for whose result, or its size, the host waits."""
 
+MAKES = {
+    *(torch.tensor, torch.as_tensor, torch.zeros, torch.ones, torch.full, torch.empty, torch.eye),
+    *(torch.arange, torch.linspace, torch.rand, torch.randn, torch.randint, torch.randperm),
+}
+"""Functions that make a tensor, on the CPU unless they are given a device."""
+
 BY_INDEX = {aten.index.Tensor, aten.index_put_.default, aten.index_put.default}
 """Operations by indices, or by a mask, whose rows have to be counted."""
 
@@ -41,6 +48,18 @@ def _refuse_what_waits(function: Any, args: Any, named: Any) -> None:
         raise RuntimeError("the host reads a number, which a graph does not allow")
     if function is aten.lift_fresh.default and args[0].dim() > 0:
         raise RuntimeError("the host sends numbers, which a graph does not allow")
+
+
+class OnDevice(TorchFunctionMode):
+    """Refuses tensors of the CPU, which would have to be sent, and numbers of its generators."""
+
+    def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None):
+        named = kwargs or {}
+        if function in MAKES and named.get("device") is None:
+            raise RuntimeError(f"{function.__name__} makes a tensor without a device")
+        if named.get("generator") is not None:
+            raise RuntimeError("a generator's numbers would be the same in every replay")
+        return function(*args, **named)
 
 
 class Tape(TorchDispatchMode):
@@ -104,7 +123,7 @@ class TapeRecorder(Recorder):
         held = [(tensor, tensor.detach().clone()) for tensor in self._state()]
         tape = self._launcher.tape = Tape()
         try:
-            with tape:
+            with tape, OnDevice():
                 work()
         finally:
             self._launcher.tape = None

@@ -6,6 +6,7 @@ from contextlib import contextmanager, nullcontext
 import pytest
 import torch
 from support.recorded_run import Run
+from support.tape import TapeLauncher, TapeRecorder
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.optimizer import Optimizer
@@ -131,6 +132,28 @@ def test_terms_of_the_parameters_are_recorded(tmp_path, settings):
     run = Run(tmp_path, True, **settings)
     run.steps(3)
     assert run.recorder.recorded == 1
+
+
+WAITING = {
+    "a number": lambda values: int(values.sum()),
+    "a truth": lambda values: bool(values.any()),
+    "rows by a mask": lambda values: values[values > 0],
+    "rows to write": lambda values: values.index_put_((values > 0,), torch.ones_like(values)[0]),
+    "their number": lambda values: (values > 0).nonzero(),
+    "a tensor of the CPU": lambda values: values + torch.ones(3),
+    "numbers of the host": lambda values: values + torch.tensor([1.0, 2.0, 3.0], device="cpu"),
+    "random numbers": lambda values: values.uniform_(generator=torch.Generator()),
+}
+
+
+@pytest.mark.parametrize("what", WAITING)
+def test_the_tape_refuses_what_a_graph_cannot_have(what):
+    values = torch.tensor([1.0, -1.0, 2.0])
+    recorder = TapeRecorder(TapeLauncher(), lambda: [values])
+    with pytest.raises(RuntimeError, match=r"host|device|generator"):
+        recorder.record(lambda: WAITING[what](values))
+    assert values.tolist() == [1.0, -1.0, 2.0]
+    assert recorder.recorded == 0
 
 
 class Unpromising(StaticGaussiansMethod):
