@@ -99,7 +99,7 @@ def full(data: Path | None) -> Plan:
         tests=("-m", "cuda", *TESTS),
         drawings=tuple(drawings),
         gsplat_tests=("-m", "cuda", *GSPLAT_TESTS),
-        sanitizers=("memcheck", "racecheck", "synccheck", "initcheck"),
+        sanitizers=("memcheck", "racecheck", "synccheck"),
         trainings=trainings,
         missing=missing,
     )

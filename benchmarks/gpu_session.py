@@ -26,7 +26,6 @@ ROOT = Path(__file__).resolve().parents[1]
 WORKS_SECONDS = 60.0
 TEST_SECONDS = 150.0
 SANITIZER_SECONDS = 120.0
-"""initcheck watches the kernels of torch too."""
 PROFILE_SECONDS = 60.0
 SAFETY = 1.4
 """A training may take so much longer than a short one promises: it has more Gaussians."""
