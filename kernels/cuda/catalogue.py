@@ -29,11 +29,13 @@ from gsfw.kernels.cuda.jobs import (
     TilesJob,
 )
 from gsfw.kernels.cuda.launcher import Entry, Kernel
+from gsfw.kernels.cuda.neighbors import neighbors_kernel
 from gsfw.kernels.cuda.sort import sort_kernels
 from gsfw.kernels.cuda.step_jobs import (
     AdamJob,
     FiniteJob,
     LossesJob,
+    NeighborsJob,
     SsimBackwardJob,
     SsimJob,
 )
@@ -59,6 +61,7 @@ def catalogue(dtype: torch.dtype = torch.float32, degrees: Sequence[int] = DEGRE
         *_bins(dtype),
         *_steps(number),
         *_fields(number),
+        *_neighbors(dtype),
     ]
 
 
@@ -128,3 +131,8 @@ def _fields(number: str) -> list[Entry]:
         backward = Kernel("hash_features.cu", f"hash_features_backward<{arguments}>")
         entries += [(forward, HashJob), (backward, HashBackwardJob)]
     return entries
+
+
+def _neighbors(dtype: torch.dtype) -> list[Entry]:
+    """The instances of methods 4d-rotor and dynamic3dgs."""
+    return [(neighbors_kernel(dtype, axes, k), NeighborsJob) for axes, k in ((4, 8), (3, 20))]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.maths.slices import Slices
@@ -17,6 +17,7 @@ from gsfw.kernels.cuda.availability import unavailable
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.kernels.cuda.instances import NAMES, kernel_of
 from gsfw.kernels.cuda.launcher import Launcher, address, blocks_for
+from gsfw.kernels.cuda.neighbors import can_find, neighbors
 from gsfw.kernels.cuda.step_jobs import AdamTable
 from gsfw.kernels.tangents import has_tangents
 
@@ -172,6 +173,16 @@ class CudaOperators(Operators):
         """The launcher of regularisers of a grid; ``None`` if they do not serve it."""
         fits = 0 < grid.numel() < penalties.COUNT_LIMIT
         return self._differentiating([grid]) if fits else None
+
+    def neighbors(self, points: Float[Tensor, "p d"], k: int) -> Int[Tensor, "p k"]:
+        """Rows of the ``k`` nearest other points, nearest first; its own where there are fewer.
+
+        Distances are rounded to the type of the points.
+        """
+        launcher = self._launcher([points])
+        if launcher is None or not can_find(points, k):
+            return super().neighbors(points, k)
+        return neighbors(points, k, launcher)
 
     def _differentiating(self, tensors: Sequence[Tensor]) -> Launcher | None:
         """The launcher of kernels with a backward pass; ``None`` if they do not serve these."""

@@ -19,6 +19,7 @@ ADAM_TABLES = constant("step_stages.h", "ADAM_TABLES")
 FINITE_THREADS = constant("step_stages.h", "FINITE_THREADS")
 FINITE_NUMBERS = constant("step_stages.h", "FINITE_NUMBERS")
 FINITE_TENSORS = constant("step_stages.h", "FINITE_TENSORS")
+NEIGHBOR_THREADS = constant("step_stages.h", "NEIGHBOR_THREADS")
 
 WARP = constant("platform.h", "WARP")
 """Threads of the least block."""
@@ -123,4 +124,15 @@ class FiniteJob(ctypes.Structure):
         ("aligned", INT),
         ("unused", INT),
         ("finite", POINTER),
+    ]
+
+
+class NeighborsJob(ctypes.Structure):
+    """Arguments of ``neighbors``."""
+
+    _fields_: ClassVar = [
+        ("points", POINTER),
+        ("rows", POINTER),
+        ("count", INT),
+        ("wanted", INT),
     ]

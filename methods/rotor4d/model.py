@@ -195,10 +195,7 @@ class SlicedGaussians(MovingGaussians):
     # Training.
 
     def refresh_neighbors_(self, step: int, extent: float) -> None:
-        """Search for the neighbours of moving rows, if it is time for it, before a step.
-
-        The host does it. In place: a recorded step reads them where they are.
-        """
+        """Search for the neighbours of moving rows, if it is time for it, before a step."""
         centers = self.time_centers.values.detach()
         needed = self._regularization.velocity > 0 and len(centers) > 1
         if needed and self.graph.is_due(step, len(centers)):

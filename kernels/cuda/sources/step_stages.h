@@ -28,6 +28,9 @@ constexpr int FINITE_THREADS = 256;
 constexpr int FINITE_NUMBERS = 8192;
 constexpr int FINITE_TENSORS = 16;
 
+/// Threads of a block of ``neighbors``, which read as many points at once.
+constexpr int NEIGHBOR_THREADS = 256;
+
 /// Images that are compared.
 struct Comparison {
   /// T [c, h, w, d], and so is the target.
@@ -128,6 +131,16 @@ struct FiniteJob {
   int unused;
   /// 1 before the kernel starts.
   uint8* finite;
+};
+
+/// neighbors<T, AXES, WIDTH>, one thread per point: the rows of the ``wanted`` nearest others, at most
+/// WIDTH, nearest first; its own where there are fewer.
+struct NeighborsJob {
+  /// T [count, AXES].
+  const void* points;
+  /// [count, wanted].
+  int64* rows;
+  int count, wanted;
 };
 
 }  // namespace cuda

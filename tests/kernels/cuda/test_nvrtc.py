@@ -42,6 +42,8 @@ REGISTERS = {
     "begin_adam": 40,
     "adam": 48,
     "check_finite": 48,
+    "neighbors": 64,
+    "neighbors<float, 3, 24>": 128,
     "plane_product": 64,
     "plane_product_backward": 64,
     "hash_features": 64,

@@ -25,6 +25,7 @@ bands = AdamMoments(moments.first[:, :2], moments.second[:, :2], moments.count)
 update = AdamUpdate(values[:, :2], values[:, :2].clone(), bands, 0.1)
 operators.adam_([update], AdamSettings(), finite)
 assert moments.count == 3
+assert operators.neighbors(torch.rand(301, 4), 5).shape == (301, 5)
 """
 
 FIELD = """

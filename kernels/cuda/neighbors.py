@@ -1,0 +1,44 @@
+"""Nearest points on the GPU."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.kernels.cuda import step_jobs
+from gsfw.kernels.cuda.instances import NAMES
+from gsfw.kernels.cuda.launcher import Kernel, Launcher, address, blocks_for
+
+AXES = (3, 4)
+"""Numbers of coordinates that the kernel is compiled for."""
+
+WIDTHS = (8, 16, 24, 32)
+"""Numbers of neighbours that the kernel is compiled for; others are the nearest of more."""
+
+MOST_POINTS = 4_000_000
+"""More points are left to the host: the time is that of all pairs, and theirs grows less."""
+
+
+def can_find(points: Tensor, k: int) -> bool:
+    """True if the kernel finds ``k`` neighbours of such points."""
+    count, axes = points.shape
+    return axes in AXES and 0 < k <= WIDTHS[-1] and 0 < count <= MOST_POINTS
+
+
+def neighbors_kernel(dtype: torch.dtype, axes: int, k: int) -> Kernel:
+    """The instance for ``k`` neighbours of points with so many coordinates."""
+    width = next(width for width in WIDTHS if width >= k)
+    return Kernel("neighbors.cu", f"neighbors<{NAMES[dtype]}, {axes}, {width}>")
+
+
+def neighbors(points: Float[Tensor, "p d"], k: int, launcher: Launcher) -> Int[Tensor, "p k"]:
+    """``Operators.neighbors`` for points of ``can_find``; the host does not wait."""
+    points = points.detach().contiguous()
+    count, axes = points.shape
+    rows = torch.empty(count, k, dtype=torch.int64, device=points.device)
+    job = step_jobs.NeighborsJob(points=address(points), rows=address(rows), count=count, wanted=k)
+    blocks = blocks_for(count, step_jobs.NEIGHBOR_THREADS)
+    kernel = neighbors_kernel(points.dtype, axes, k)
+    launcher.launch(kernel, blocks, step_jobs.NEIGHBOR_THREADS, job)
+    return rows
