@@ -46,9 +46,24 @@ def gpu() -> None:
         pytest.skip(why)
 
 
-def train(out: Path, *settings: str) -> dict:
+MOVING = ("datamanager.moving=true", "datamanager.times=4", "sampler.views_per_step=2")
+
+RECORDED = {
+    "3dgs": (),
+    "3dgs corrected": ("exposure=true", "refine_poses=true", "sampler.views_per_step=2"),
+    "4dgs": (*MOVING, "coarse_steps=60"),
+    "spacetime": MOVING,
+    "spacetime static": (*MOVING, "static=auto", "motion=adaptive"),
+    "4d-rotor": (*MOVING, "neighbors_every=50"),
+    "4d-rotor static": (*MOVING, "static=auto"),
+    "dynamic3dgs": (*MOVING, "sampler.first_steps=80"),
+}
+"""Settings of runs whose steps are recorded, by method."""
+
+
+def train(out: Path, *settings: str, method: str = "3dgs") -> dict:
     """The summary of a run on the small built-in scene."""
-    assert main(["train", "method=3dgs", *SMALL_SCENE, f"out={out}", *settings]) == 0
+    assert main(["train", f"method={method}", *SMALL_SCENE, f"out={out}", *settings]) == 0
     return json.loads(RunFolder(out).summary.read_text())
 
 
@@ -72,11 +87,13 @@ def test_both_devices_train_to_the_same_quality(tmp_path, strategy, tolerance):
     assert "peak_gpu_memory_mb" not in here
 
 
-def test_recorded_steps_train_as_others_do(tmp_path):
-    settings = ("steps=200", "strategy=none", *ON_GPU)
-    recorded = train(tmp_path / "recorded", *settings)
-    usual = train(tmp_path / "usual", *settings, "graph=off")
+@pytest.mark.parametrize("case", RECORDED)
+def test_recorded_steps_train_as_others_do(tmp_path, case):
+    settings, method = ("steps=200", "strategy=none", *RECORDED[case], *ON_GPU), case.split()[0]
+    recorded = train(tmp_path / "recorded", *settings, method=method)
+    usual = train(tmp_path / "usual", *settings, "graph=off", method=method)
     assert recorded["psnr"] == pytest.approx(usual["psnr"], abs=SETTLED)
+    assert recorded["skipped_steps"] == 0
     assert "not recorded" not in (tmp_path / "recorded" / "log.txt").read_text()
 
 
