@@ -144,20 +144,6 @@ def test_a_gpu_agrees_with_torch():
 
 @pytest.mark.cuda
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
-def test_a_gpu_slices_as_torch_does():
-    tensors = [torch.rand(3000, 4, dtype=torch.float64, device="cuda") + 0.1 for _ in range(3)]
-    results = []
-    for operators in (CudaOperators(), Operators()):
-        leaves = [tensor.clone().requires_grad_() for tensor in tensors]
-        found = operators.slices(*leaves)
-        sum(part.square().sum() for part in found).backward()
-        results.append([*found, *(leaf.grad for leaf in leaves)])
-    for one, other in zip(*results, strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9 * float(other.abs().max()))
-
-
-@pytest.mark.cuda
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
 @pytest.mark.parametrize(("axes", "k"), [(3, 20), (4, 8)])
 def test_a_gpu_finds_the_neighbors_that_the_host_finds(axes, k):
     points = torch.rand(3000, axes, dtype=torch.float64, device="cuda")
