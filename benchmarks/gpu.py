@@ -107,11 +107,11 @@ def main() -> int:
     session.wait_for(gsplats)
     usable = [gsplat for gsplat in gsplats if not gsplat.problem]
     first = usable[0] if usable else None
-    if first:
-        session.gsplat_tests(first)
     session.drawings(first)
     session.profiles()
     session.trainings(first, options.steps)
+    if first:
+        session.gsplat_tests(first)
     for other in usable[1:]:
         session.drawings(other, again=True)
     report.show()

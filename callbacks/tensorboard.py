@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import Any
 
@@ -97,20 +97,26 @@ class TensorBoard(Callback):
 
     def _add(self, step: int, scalars: Mapping[str, float]) -> None:
         """Write scalars as one event, in a tenth of the time that an event for each takes."""
-        assert self._writer is not None
-        assert self._run is not None
         values = [
             Summary.Value(tag=tag, simple_value=float(value)) for tag, value in scalars.items()
         ]
-        with readable_write_errors(self._run.folder):
-            self._writer._get_file_writer().add_summary(Summary(value=values), step)
+        with self._writing() as writer:
+            writer._get_file_writer().add_summary(Summary(value=values), step)
 
     def _add_image(self, tag: str, image: UInt8[np.ndarray, "h w 3"], step: int) -> None:
+        with self._writing() as writer:
+            writer._get_file_writer().add_summary(summary_of(tag, image), step)
+            # TensorBoard's thread computes the image's checksum in Python, under whose lock each
+            # operation of torch would wait: steps and renders would take several times as long.
+            writer.flush()
+
+    @contextmanager
+    def _writing(self) -> Iterator[SummaryWriter]:
+        """The writer; errors of the disk, which it passes on from its thread, in one sentence."""
         assert self._writer is not None
-        self._writer._get_file_writer().add_summary(summary_of(tag, image), step)
-        # TensorBoard's thread computes the image's checksum in Python, under whose lock each
-        # operation of torch would wait: steps and renders would take several times as long.
-        self._writer.flush()
+        assert self._run is not None
+        with readable_write_errors(self._run.folder):
+            yield self._writer
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
         """Write the images of a few held-out views, the same ones about ten times in a run."""
@@ -134,46 +140,24 @@ class TensorBoard(Callback):
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Write the curves of the means, histograms of the model, and what is not sound."""
-        assert self._writer is not None
         assert self._run is not None
         assert self._countdown is not None
         self._countdown.evaluated(step, len(evaluation.views))
         if self._images_due(step, self._run.steps):
             self._last_images = step
         self._add(step, evaluation_curves(evaluation))
-        if self._model is not None:
-            self._add_histograms(step, self._model.splats())
-        if evaluation.findings is not None:
-            keys = " ".join(finding.key for finding in evaluation.findings)
-            if keys != self._findings:  # Said again only when it changes.
-                page = findings_page(step, evaluation.findings)
-                self._writer.add_text("3_findings", page, step)
-            self._findings = keys
-        self._writer.flush()
-
-    def _add_histograms(self, step: int, splats: Splats) -> None:
-        """Write opacity, largest scale and SH degree; those of a moving scene at its first time."""
-        assert self._writer is not None
-        for name, values in _distributions(splats).items():
-            if not len(values):
-                continue
-            number, bounds = BINS[name]
-            counts, edges = np.histogram(values, number, bounds)
-            self._writer.add_histogram_raw(
-                f"gaussians/{name}",
-                min=float(values.min()),
-                max=float(values.max()),
-                num=len(values),
-                sum=float(values.sum(dtype=np.float64)),
-                sum_squares=float(np.square(values, dtype=np.float64).sum()),
-                bucket_limits=edges[1:].tolist(),
-                bucket_counts=counts.tolist(),
-                global_step=step,
-            )
+        with self._writing() as writer:
+            if self._model is not None:
+                _add_histograms(writer, step, self._model.splats())
+            if evaluation.findings is not None:
+                keys = " ".join(finding.key for finding in evaluation.findings)
+                if keys != self._findings:  # Said again only when it changes.
+                    writer.add_text("3_findings", findings_page(step, evaluation.findings), step)
+                self._findings = keys
+            writer.flush()
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
         """Write settings and final figures, for the hparams page."""
-        assert self._writer is not None
         assert self._run is not None
         if not summary["completed"]:
             return
@@ -182,16 +166,17 @@ class TensorBoard(Callback):
             for key, value in self._run.settings.items()
             if not key.startswith("callbacks.")
         }
-        for event in hparam_events(settings, self._run.scene, hparam_metrics(summary)):
-            self._writer._get_file_writer().add_summary(event)
+        with self._writing() as writer:
+            for event in hparam_events(settings, self._run.scene, hparam_metrics(summary)):
+                writer._get_file_writer().add_summary(event)
         self._add(step, result_curves(summary))
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
         """Write floats and dB of every group, and the plot as an image."""
-        assert self._writer is not None
         self._add(requirements.step, requirement_curves(requirements))
-        self._writer.add_text("4_requirements", requirements.headline, requirements.step)
-        self._writer.add_image(REQUIREMENTS, plot, requirements.step, dataformats="HWC")
+        with self._writing() as writer:
+            writer.add_text("4_requirements", requirements.headline, requirements.step)
+            writer.add_image(REQUIREMENTS, plot, requirements.step, dataformats="HWC")
 
     def close(self) -> None:
         """Flush and close the events."""
@@ -199,6 +184,26 @@ class TensorBoard(Callback):
             if self._writer is not None:
                 self._stack.callback(self._writer.close)
                 self._writer = None
+
+
+def _add_histograms(writer: SummaryWriter, step: int, splats: Splats) -> None:
+    """Write opacity, largest scale and SH degree; those of a moving scene at its first time."""
+    for name, values in _distributions(splats).items():
+        if not len(values):
+            continue
+        number, bounds = BINS[name]
+        counts, edges = np.histogram(values, number, bounds)
+        writer.add_histogram_raw(
+            f"gaussians/{name}",
+            min=float(values.min()),
+            max=float(values.max()),
+            num=len(values),
+            sum=float(values.sum(dtype=np.float64)),
+            sum_squares=float(np.square(values, dtype=np.float64).sum()),
+            bucket_limits=edges[1:].tolist(),
+            bucket_counts=counts.tolist(),
+            global_step=step,
+        )
 
 
 def _stays(run: RunInfo, step: int, tag: str) -> bool:

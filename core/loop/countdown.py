@@ -15,8 +15,8 @@ pause, or a checkpoint, falls between two of them and does not count."""
 
 
 PREDICT_SECONDS = 0.5
-"""A prediction holds for so long: it takes as long as a step of a small scene on a GPU, which may
-report a hundred times a second."""
+"""Least time between two predictions: one takes the host as long as a step of a small scene on a
+GPU, whose run may report a hundred times a second."""
 
 
 class Countdown:
@@ -38,7 +38,7 @@ class Countdown:
         self._ticked = time.monotonic()
 
     def report(self, report: StepReport) -> None:
-        """Learn from a logged step, and predict anew."""
+        """Learn from a logged step; predict anew if the last prediction is old enough."""
         now, waiting = time.monotonic(), report.stage_ms.get("load", 0.0) / 1e3
         spent = (report.step - self._step) * report.step_ms / 1e3
         if spent > 0:

@@ -32,8 +32,9 @@ class RefinedCapture(WrappedDataManager):
         ]
         return replace(views, cameras=tuple(cameras))
 
+    @torch.no_grad()
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Batches; their cameras have a gradient if gradients are enabled."""
+        """Batches with their refined cameras."""
         return [
             replace(batch, cameras=self._poses.refine(batch.cameras, split, batch.views))
             for batch in self.given.load(split, indices, device)

@@ -3,8 +3,8 @@
 On a small scene the host takes longer to start the kernels of a step than a GPU to run them. What a
 step does between its batch and its new parameters is therefore recorded as one graph, which reads
 its inputs (images, cameras, background, learning rates) where they are copied to. A graph holds for
-one size of images and for one set of rows: after a refinement the first step is run as usual, and
-the second one is recorded.
+the sizes of the images of a step and for one set of rows: after a refinement the first step is run
+as usual, and the second one is recorded.
 
 The number of pairs of a captured image is not known to the host, so its memory may turn out to be
 too small. Such a step changes nothing; its count is read some steps later, and further graphs have
@@ -33,7 +33,7 @@ from gsfw.core.loop.training_parts import TrainingParts
 logger = logging.getLogger(__name__)
 
 MOST_GRAPHS = 8
-"""Graphs for the same rows; views of more sizes than this are not recorded."""
+"""Graphs for the same rows; steps of further kinds, as of other sizes, are run one by one."""
 
 FIRST_STEPS = 16
 """Steps of a run that are not recorded, to see how much memory the images of several views need."""

@@ -11,6 +11,7 @@ from torch import Tensor
 from gsfw.core.maths.rotations import multiply_quaternions, quaternions_of
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import degree_of, rotate_sh
+from gsfw.core.maths.symmetric import principal_axes
 from gsfw.core.splats import Sh, Splats
 
 CHUNK = 1 << 14
@@ -64,13 +65,11 @@ def _rotated(colors: Sh, rotation: Float[Tensor, "3 3"]) -> Float[Tensor, "n k 3
 def with_axes(splats: Splats) -> Splats:
     """Convert splats to quaternions and scales, largest last; unchanged if they have them.
 
-    Eigenvalues are computed in float64; negative ones (by rounding) become zero.
+    Eigenvalues are computed in float64, by the host; negative ones (by rounding) become zero.
     """
     if splats.covariances is None:
         return splats
-    variances, axes = torch.linalg.eigh(splats.covariances.double())
-    # Axes have no sign: inverting the last one turns a reflection into a rotation.
-    axes = torch.cat([axes[..., :2], axes[..., 2:] * axes.det().sign()[:, None, None]], dim=-1)
+    variances, axes = principal_axes(splats.covariances)
     return replace(
         splats,
         quats=quaternions_of(axes).to(splats.means),

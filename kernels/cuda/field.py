@@ -178,7 +178,7 @@ class _HashFeatures(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
         places, time, *tables = ctx.saved_tensors
-        gradient = gradient.contiguous()
+        gradient = gradient.contiguous()  # Read number by number, so that it may lie anywhere.
         to_tables = _zeros_like(tables, ctx.needs_input_grad[4:])
         job = field_jobs.HashBackwardJob(
             forward=_hash_job(places, time, tables, ctx.sizes), gradient=address(gradient)

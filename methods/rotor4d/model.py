@@ -26,6 +26,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.maths.covariance_noise import noise_strengths
 from gsfw.core.maths.slices import Conditional, Slices, conditional, time_variances, weights
+from gsfw.core.maths.symmetric import largest_eigenvalues
 from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.operators import Operators
@@ -284,8 +285,8 @@ class SlicedGaussians(MovingGaussians):
     @torch.no_grad()
     def sizes(self) -> Float[Tensor, " n"]:
         """Largest standard deviation of each row's slices, in scene units."""
-        variances = torch.linalg.eigvalsh(self._sliced().covariances)
-        sizes, rows = variances[:, 2].clamp_min(0.0).sqrt(), self.moving()
+        variances = largest_eigenvalues(self._sliced().covariances)
+        sizes, rows = variances.clamp_min(0.0).sqrt(), self.moving()
         return sizes if rows is None else self.canonical.sizes().index_copy(0, rows, sizes)
 
     def lifetimes(self) -> Float[Tensor, " n"]:

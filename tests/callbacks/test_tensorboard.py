@@ -247,13 +247,16 @@ def test_what_a_run_required_has_its_own_group(tmp_path):
 
 
 def steps_shown(folder, tag: str) -> list[int]:
-    """Steps of a tag as TensorBoard's own server has them, which purges what was repeated."""
+    """Steps of a tag as TensorBoard's own server has them, which purges what was repeated.
+
+    Files of one second are in the order of their names, in which the tenth precedes the ninth.
+    """
     events = plugin_event_accumulator.EventAccumulator(
         str(folder / "tb"),
         tensor_size_guidance={"scalars": 0, "images": 0, "text": 0, "custom_scalars": 0},
     )
     events.Reload()
-    return [event.step for event in events.Tensors(tag)]
+    return sorted(event.step for event in events.Tensors(tag))
 
 
 STOPPED = {"completed": False, "steps": 30}
