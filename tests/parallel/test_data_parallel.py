@@ -212,7 +212,9 @@ def test_refiners_that_watch_single_views_are_refused_by_name(tmp_path):
         in_threads(1, lambda group: DataParallel(group).check(parts))
 
 
-def test_refiners_that_decide_differently_are_found_before_the_next_step(tmp_path):
+def test_refiners_that_decide_differently_are_found_before_the_next_step(tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.parallel.environment.LINGER", 0.1)
+
     def run(group):
         own = trainer(tmp_path / str(group.rank), "none", Recorder(), views_per_step=2)
         own = with_parts(own, team=DataParallel(group), refiners=Refiners([Partial()]))
