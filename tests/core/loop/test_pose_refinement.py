@@ -116,7 +116,7 @@ def test_views_with_one_pose_share_its_motion_and_held_out_ones_of_others_stay()
     assert torch.equal(held[1].world_to_camera, data.views(Split.EVAL).cameras[1].world_to_camera)
 
 
-def test_cameras_of_batches_are_the_refined_ones_and_have_a_gradient():
+def test_cameras_of_batches_and_of_steps_are_the_refined_ones_and_steps_have_a_gradient():
     data = FewViews()
     poses = refinement(data, p1=[0.1, 0, 0, 0, 0, 0.2])
     refined = RefinedCapture(data, poses)
@@ -124,8 +124,12 @@ def test_cameras_of_batches_are_the_refined_ones_and_have_a_gradient():
     wanted = torch.cat(
         [camera.world_to_camera for camera in refined.views(Split.TRAIN).cameras[:2]]
     )
-    torch.testing.assert_close(batch.cameras.world_to_camera.detach(), wanted)
-    batch.cameras.world_to_camera.sum().backward()
+    torch.testing.assert_close(batch.cameras.world_to_camera, wanted)
+    assert not batch.cameras.world_to_camera.requires_grad
+    (given,) = data.load(Split.TRAIN, [0, 1], CPU)
+    in_a_step = poses.refined(given.cameras, torch.tensor([0, 1])).world_to_camera
+    torch.testing.assert_close(in_a_step.detach(), wanted)
+    in_a_step.sum().backward()
     assert poses.motions.grad[:2].abs().sum() > 0
     assert poses.motions.grad[2:].abs().sum() == 0
 
