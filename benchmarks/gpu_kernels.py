@@ -9,7 +9,6 @@ GPU up and counts pairs, which takes minutes then.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 
 import torch
 
@@ -35,7 +34,7 @@ def main() -> int:
     operators = choose_operators(registry, device)
     workload = random_workload(f"random:{SPLATS}", device).sized(WIDTH, HEIGHT)
     steps = [TrainingStep(workload, operators, sparse) for sparse in (False, True)]
-    everything = replace(RenderSettings(), depth=Depth.EXPECTED, statistics=frozenset(Statistic))
+    everything = RenderSettings(depth=Depth.EXPECTED, statistics=frozenset(Statistic))
     for entrant in entrants:
         splats = workload.splats.map(lambda tensor: tensor.clone().requires_grad_())
         output = entrant.rasterizer.render(splats, workload.cameras, everything)

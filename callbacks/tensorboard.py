@@ -96,7 +96,7 @@ class TensorBoard(Callback):
         self._add(report.step, step_curves(report, self._countdown.seconds()))
 
     def _add(self, step: int, scalars: Mapping[str, float]) -> None:
-        """Write scalars as one event, in a tenth of the time that an event for each takes."""
+        """Write scalars as one event: an event for each took most of the time of a report."""
         values = [
             Summary.Value(tag=tag, simple_value=float(value)) for tag, value in scalars.items()
         ]

@@ -52,7 +52,7 @@ class CaptureCorrections(nn.Module):
         if self.poses is None:
             return batch
         assert batch.numbers is not None
-        return replace(batch, cameras=self.poses.refined(batch.cameras, batch.numbers))
+        return replace(batch, cameras=self.poses.refine_by_number(batch.cameras, batch.numbers))
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
         """Parameter groups for the optimizer."""

@@ -59,7 +59,6 @@ class PoseRefinement(nn.Module):
         numbers: dict[object, int] = {}
         for camera in train:
             numbers.setdefault(_pose(camera), len(numbers))
-        rows = torch.tensor([numbers[_pose(camera)] for camera in train])
         self._rows: Mapping[Split, Sequence[int | None]] = {
             split: [numbers.get(_pose(camera)) for camera in data.views(split).cameras]
             for split in Split
@@ -70,6 +69,7 @@ class PoseRefinement(nn.Module):
         """[p, 6]: rotation vectors in radians, translations in extents; in the camera's axes."""
         depths = scene_depths(poses, data.scene)
         common = common_motions(poses.double(), depths.double(), self.extent).float()
+        rows = torch.tensor(self._rows[Split.TRAIN], dtype=torch.int64)
         self.register_buffer("rows", rows, persistent=False)
         self.register_buffer("depths", depths, persistent=False)
         self.register_buffer("common", common, persistent=False)
@@ -91,7 +91,7 @@ class PoseRefinement(nn.Module):
         moved = motion_matrices(chosen, pivots, self.extent) @ like
         return replace(cameras, world_to_camera=moved)
 
-    def refined(self, cameras: Cameras, numbers: Int[Tensor, " c"]) -> Cameras:
+    def refine_by_number(self, cameras: Cameras, numbers: Int[Tensor, " c"]) -> Cameras:
         """The refined cameras of training views, by their numbers; the host waits for nothing."""
         like, rows = cameras.world_to_camera, self.rows.index_select(0, numbers)
         motions, pivots = (

@@ -32,10 +32,7 @@ class StepInputs:
 
     def copied(self) -> StepInputs:
         """The same in memory of its own."""
-        settings = [
-            replace(one, background=None if one.background is None else _copy(one.background))
-            for one in self.settings
-        ]
+        settings = [replace(one, background=_copy_of(one.background)) for one in self.settings]
         return StepInputs([_copied(batch) for batch in self.batches], settings)
 
     def kind(self) -> Hashable:
@@ -68,9 +65,9 @@ def _copied(batch: Batch) -> Batch:
         batch,
         images=_copy(batch.images),
         cameras=_copied_cameras(batch.cameras),
-        alpha=None if batch.alpha is None else _copy(batch.alpha),
-        mask=None if batch.mask is None else _copy(batch.mask),
-        numbers=None if batch.numbers is None else _copy(batch.numbers),
+        alpha=_copy_of(batch.alpha),
+        mask=_copy_of(batch.mask),
+        numbers=_copy_of(batch.numbers),
         maps=maps,
     )
 
@@ -80,10 +77,14 @@ def _copied_cameras(cameras: Cameras) -> Cameras:
         cameras,
         world_to_camera=_copy(cameras.world_to_camera),
         intrinsics=_copy(cameras.intrinsics),
-        time=None if cameras.time is None else _copy(cameras.time),
-        camera_index=None if cameras.camera_index is None else _copy(cameras.camera_index),
+        time=_copy_of(cameras.time),
+        camera_index=_copy_of(cameras.camera_index),
     )
 
 
 def _copy(tensor: Tensor) -> Tensor:
     return tensor.clone(memory_format=torch.contiguous_format)
+
+
+def _copy_of(tensor: Tensor | None) -> Tensor | None:
+    return None if tensor is None else _copy(tensor)

@@ -127,7 +127,7 @@ def test_cameras_of_batches_and_of_steps_are_the_refined_ones_and_steps_have_a_g
     torch.testing.assert_close(batch.cameras.world_to_camera, wanted)
     assert not batch.cameras.world_to_camera.requires_grad
     (given,) = data.load(Split.TRAIN, [0, 1], CPU)
-    in_a_step = poses.refined(given.cameras, torch.tensor([0, 1])).world_to_camera
+    in_a_step = poses.refine_by_number(given.cameras, torch.tensor([0, 1])).world_to_camera
     torch.testing.assert_close(in_a_step.detach(), wanted)
     in_a_step.sum().backward()
     assert poses.motions.grad[:2].abs().sum() > 0
