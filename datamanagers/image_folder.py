@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
+from posixpath import splitext
 
 from jaxtyping import Float64
 from torch import Tensor
@@ -81,8 +82,8 @@ class ImageFolder:
         for item in sorted(self.path.rglob("*")):
             if item.suffix.lower() in EXTENSIONS:
                 relative = item.relative_to(self.path)
-                keys = (relative, relative.with_suffix(""), relative.name, relative.stem)
-                for key in {PurePosixPath(each).as_posix().lower() for each in keys}:
+                names = (relative.as_posix(), relative.name)
+                for key in {each.lower() for name in names for each in _with_and_without(name)}:
                     found.setdefault(key, []).append(item)
         return found
 
@@ -95,8 +96,7 @@ class ImageFolder:
         # The path that was right where the file was written is tried from its longest end.
         parts = PurePosixPath(name.replace("\\", "/").lower()).parts
         for start in range(len(parts)):
-            wanted = PurePosixPath(*parts[start:])
-            for key in (wanted.as_posix(), wanted.with_suffix("").as_posix()):
+            for key in _with_and_without(PurePosixPath(*parts[start:]).as_posix()):
                 candidates = self._by_name.get(key, [])
                 exact = [item for item in candidates if self._is_at(item, key)]
                 candidates = exact or candidates
@@ -119,12 +119,16 @@ class ImageFolder:
 
     def _is_at(self, image: Path, key: str) -> bool:
         """True if ``key`` is the image's path, with or without its extension."""
-        relative = image.relative_to(self.path)
-        return key in (relative.as_posix().lower(), relative.with_suffix("").as_posix().lower())
+        return key in _with_and_without(image.relative_to(self.path).as_posix().lower())
 
     def name(self, image: Path) -> str:
         """Name of an image in messages and result files."""
         return image.relative_to(self.path).as_posix()
+
+
+def _with_and_without(name: str) -> tuple[str, str]:
+    """A name with its extension, and without. Path.with_suffix refuses some, such as ``..png``."""
+    return name, splitext(name)[0]
 
 
 def only_file(path: Path, files: Sequence[Path], expected: str, advice: str) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from posixpath import join, split, splitext
 
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.images import MASK_EXTENSIONS
@@ -64,6 +65,8 @@ def is_mask_file(file: Path) -> bool:
 
 def stem_of(file: Path) -> str:
     """Name that an image and its mask have in common, with their folders; in lower case."""
-    while file.suffix.lower() in MASK_EXTENSIONS:
-        file = file.with_suffix("")
-    return str(file.with_name(AFFIX.sub("", file.name) or file.name)).lower()
+    path = file.as_posix()
+    while splitext(path)[1].lower() in MASK_EXTENSIONS:
+        path = splitext(path)[0]
+    folder, name = split(path)
+    return join(folder, AFFIX.sub("", name) or name).lower()

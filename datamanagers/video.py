@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import statistics
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -261,8 +261,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             "into images.",
         ) from None
     try:
-        # FFmpeg takes text before a colon in a relative path for a protocol.
-        container = av.open(str(path.absolute()), metadata_errors="replace")
+        container = _container(path)
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error
     with container:
@@ -275,6 +274,18 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         # One thread for each video: several videos are decoded at once, and seeking stays quick.
         stream.thread_type = "NONE"
         yield container, stream
+
+
+def _container(path: Path, options: Mapping[str, str] | None = None) -> Any:  # noqa: ANN401
+    """Open a file by PyAV, whatever bytes its metadata holds."""
+    import av
+
+    # PyAV 19 replaces metadata that is no text by itself; earlier versions need an argument for it.
+    settings: dict[str, Any] = {"options": dict(options or {})}
+    if int(av.__version__.partition(".")[0]) < 19:
+        settings["metadata_errors"] = "replace"
+    # FFmpeg takes text before a colon in a relative path for a protocol.
+    return av.open(str(path.absolute()), **settings)
 
 
 def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[int]]:  # noqa: ANN401
@@ -340,11 +351,7 @@ def _count_stored(path: Path) -> int:
     import av
 
     try:
-        with av.open(
-            str(path.absolute()),
-            options={"ignore_editlist": "1"},
-            metadata_errors="replace",
-        ) as container:
+        with _container(path, {"ignore_editlist": "1"}) as container:
             return sum(packet.size > 0 for packet in container.demux(container.streams.video[0]))
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error
