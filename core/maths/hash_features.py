@@ -28,7 +28,7 @@ def hash_features(
     """Interpolate among the 16 corners around each place, at one resolution.
 
     Args:
-        places: coordinates in [-1, 1]; constant beyond, without gradient.
+        places: coordinates in [-1, 1]; constant beyond, without gradient. NaN reads some row.
         time: time in [0, 1]; constant beyond.
         table: rows of features; a power of two of them unless there is a row for each corner.
         sizes: corners along each axis of space, and along time; at least 2.
@@ -40,7 +40,7 @@ def hash_features(
     rows, weights = [], []
     for axis, count, factor in zip(axes, counts, factors, strict=True):
         place = axis * (count - 1)
-        low = place.floor().clamp_max(count - 2)
+        low = place.floor().nan_to_num().clamp_max(count - 2)
         first = low.long() * factor
         rows.append((first, first + factor))
         weights.append((1 - (place - low), place - low))

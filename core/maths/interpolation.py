@@ -31,7 +31,7 @@ def interpolate(
     Args:
         grids: values at the cells' corners; the first and the last of an axis are at -1 and 1. At
             least two along each axis.
-        coordinates: in [-1, 1], for each axis in turn; constant beyond.
+        coordinates: in [-1, 1], for each axis in turn; constant beyond. NaN gives NaN.
     """
     count, *cells, channels = grids.shape
     from_first = coordinates.clamp(-1, 1) + 1
@@ -39,7 +39,7 @@ def interpolate(
     places = torch.stack(
         [at * ((size - 1) / 2) for at, size in zip(from_first, cells, strict=True)]
     )
-    corner = places.detach().floor()
+    corner = places.detach().floor().nan_to_num()  # NaN reads a row of the table, too.
     low = torch.stack([at.clamp_max(size - 2) for at, size in zip(corner, cells, strict=True)])
     weights, slopes = _corner_weights((places - low).detach().flatten(1))
     rows = _corner_rows(low.int(), cells)

@@ -22,7 +22,7 @@ def largest_eigenvalues(matrices: Float[Tensor, "n 3 3"]) -> Float[Tensor, " n"]
     largest = wide.abs().amax((1, 2)).clamp_min(torch.finfo(wide.dtype).tiny)
     scaled = wide / largest[:, None, None]
     mean = scaled.diagonal(dim1=1, dim2=2).mean(1)
-    apart = scaled - mean[:, None, None] * torch.eye(3).to(scaled)
+    apart = scaled - mean[:, None, None] * torch.eye(3, dtype=scaled.dtype, device=scaled.device)
     size = (apart.square().sum((1, 2)) / 6).sqrt()
     unit = apart / size.clamp_min(torch.finfo(wide.dtype).tiny)[:, None, None]
     first, second, third = unit.unbind(1)

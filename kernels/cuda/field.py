@@ -24,6 +24,9 @@ from gsfw.kernels.cuda.step_jobs import WARP
 INDEX_LIMIT = 2**31
 """Numbers of a table that kernels index are fewer."""
 
+MOST_CORNERS = 2**24
+"""Corners along an axis of a hash grid; float32 counts no further."""
+
 ALIGNED_NUMBERS = 64
 """Each gradient of several in one allocation begins at a multiple of so many numbers."""
 
@@ -77,7 +80,7 @@ def fits_tables(
         table.shape[1] == channels
         and 0 < table.numel() < INDEX_LIMIT
         and min(size) >= 2
-        and max(size) < INDEX_LIMIT
+        and max(size) <= MOST_CORNERS
         for table, size in zip(tables, sizes, strict=True)
     )
     numbers = len(places) * len(tables) * channels

@@ -18,8 +18,11 @@ WIDTHS = (8, 16, 24, 32)
 
 MOST_POINTS = {torch.float32: 1_000_000, torch.float64: 100_000}
 """More points are left to the host, whose time grows less than that of all pairs: some 0.4 s of an
-H200 by count of instructions. Drivers that also show a screen end a kernel after two. Float64 takes
-up to 64 times as long."""
+H200 by count of instructions. Float64 takes up to 64 times as long."""
+
+MOST_PAIRS = {torch.float32: 2**36, torch.float64: 2**31}
+"""Pairs of points in one launch. Drivers that also show a screen end a kernel after two seconds: by
+count of operations these take 0.3 s on a GPU of 14 multiprocessors, and 0.5 s in float64."""
 
 
 def can_find(points: Tensor, k: int) -> bool:
@@ -39,8 +42,17 @@ def neighbors(points: Float[Tensor, "p d"], k: int, launcher: Launcher) -> Int[T
     points = points.detach().contiguous()
     count, axes = points.shape
     rows = torch.empty(count, k, dtype=torch.int64, device=points.device)
-    job = step_jobs.NeighborsJob(points=address(points), rows=address(rows), count=count, wanted=k)
-    blocks = blocks_for(count, step_jobs.NEIGHBOR_THREADS)
-    kernel = neighbors_kernel(points.dtype, axes, k)
-    launcher.launch(kernel, blocks, step_jobs.NEIGHBOR_THREADS, job)
+    kernel, threads = neighbors_kernel(points.dtype, axes, k), step_jobs.NEIGHBOR_THREADS
+    at_once = max(MOST_PAIRS[points.dtype] // count, threads)
+    for first in range(0, count, at_once):
+        end = min(first + at_once, count)
+        job = step_jobs.NeighborsJob(
+            points=address(points),
+            rows=address(rows),
+            count=count,
+            wanted=k,
+            first=first,
+            end=end,
+        )
+        launcher.launch(kernel, blocks_for(end - first, threads), threads, job)
     return rows

@@ -145,8 +145,8 @@ class CudaOperators(Operators):
     ) -> Slices:
         """Slices of Gaussians of space and time, in one launch."""
         launcher = self._differentiating([left, right, scales])
-        fits = left.shape == right.shape == scales.shape and len(left) > 0
-        if launcher is None or not fits:
+        fits = left.shape == right.shape == scales.shape == (len(left), 4)
+        if launcher is None or not fits or not len(left):
             return super().slices(left, right, scales)
         return field.slices(launcher, left, right, scales)
 

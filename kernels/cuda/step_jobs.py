@@ -135,4 +135,6 @@ class NeighborsJob(ctypes.Structure):
         ("rows", POINTER),
         ("count", INT),
         ("wanted", INT),
+        ("first", INT),
+        ("end", INT),
     ]

@@ -18,6 +18,7 @@ from gpu_process import Process
 from gpu_profile import METRICS
 from gpu_report import Report
 from gpu_session import Session
+from support.gpu_sessions import on_a_gpu, parts, stand_in
 
 SCRIPT = ROOT / "benchmarks" / "gpu.sh"
 
@@ -149,10 +150,6 @@ def session(tmp_path: Path, seconds: float = 100.0) -> Session:
     return Session(tiny(), Report(tmp_path), os.environ, tmp_path, deadline, ("tests", "trainings"))
 
 
-def parts(tmp_path: Path) -> dict[str, dict]:
-    return json.loads((tmp_path / "gpu.json").read_text())["parts"]
-
-
 @pytest.mark.parametrize(
     ("output", "status", "told"),
     [
@@ -186,44 +183,6 @@ def _program(tmp_path: Path, output: str) -> str:
     program.write_text(f"#!/bin/sh\ncat {text}\n")
     program.chmod(0o755)
     return str(program)
-
-
-def on_a_gpu(tmp_path: Path, *wanted: str) -> Session:
-    """A session of the full plan, in which only these parts run."""
-    deadline = time.monotonic() + 100.0
-    return Session(full(None), Report(tmp_path), os.environ, tmp_path, deadline, wanted)
-
-
-def stand_in(tmp_path: Path, monkeypatch, name: str, *lines: str) -> None:
-    """A program of NVIDIA's that runs these lines of a shell instead."""
-    program = tmp_path / name
-    program.write_text("\n".join(["#!/bin/sh", *lines]))
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-
-
-def test_a_sanitizer_that_finds_a_fault_fails_and_one_that_is_not_there_is_left_out(
-    tmp_path, monkeypatch
-):
-    monkeypatch.setattr("gpu_session.shutil.which", lambda name: None)
-    on_a_gpu(tmp_path, "sanitizers").sanitizers()
-    assert {part["status"] for part in parts(tmp_path).values()} == {"skipped"}
-    monkeypatch.undo()
-    stand_in(
-        tmp_path,
-        monkeypatch,
-        "compute-sanitizer",
-        'echo "========= ERROR SUMMARY: 1 error ($2)"',
-        '[ "$2" != racecheck ] || exit 9',
-    )
-    running = on_a_gpu(tmp_path, "memcheck", "racecheck")
-    running._environment = dict(os.environ)
-    running.sanitizers()
-    found = parts(tmp_path)
-    assert set(found) == {"memcheck", "racecheck"}
-    assert found["memcheck"]["status"] == "ok"
-    assert found["racecheck"]["status"] == "failed"
-    assert found["racecheck"]["reason"].endswith("ERROR SUMMARY: 1 error (racecheck)")
 
 
 def test_the_adapter_of_gsplat_is_tested_beside_a_gsplat(tmp_path, monkeypatch):

@@ -30,12 +30,12 @@ template <class T, int AXES, int WIDTH>
 __global__ void __launch_bounds__(NEIGHBOR_THREADS) neighbors(NeighborsJob job) {
   __shared__ T others[NEIGHBOR_THREADS][AXES];
   const T* points = static_cast<const T*>(job.points);
-  const int row = int(thread_index()), thread = int(threadIdx.x);
+  const int row = job.first + int(thread_index()), thread = int(threadIdx.x);
   T own[AXES], distances[WIDTH];
   int rows[WIDTH];
 #pragma unroll
   for (int axis = 0; axis < AXES; ++axis) {
-    own[axis] = row < job.count ? points[int64(row) * AXES + axis] : T(0.0);
+    own[axis] = row < job.end ? points[int64(row) * AXES + axis] : T(0.0);
   }
 #pragma unroll
   for (int i = 0; i < WIDTH; ++i) {
@@ -62,7 +62,7 @@ __global__ void __launch_bounds__(NEIGHBOR_THREADS) neighbors(NeighborsJob job) 
       }
     }
   }
-  if (row >= job.count) return;
+  if (row >= job.end) return;
 #pragma unroll
   for (int i = 0; i < WIDTH; ++i) {
     if (i < job.wanted) job.rows[int64(row) * job.wanted + i] = rows[i];

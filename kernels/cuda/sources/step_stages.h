@@ -141,6 +141,8 @@ struct NeighborsJob {
   /// [count, wanted].
   int64* rows;
   int count, wanted;
+  /// Rows [first, end) are found.
+  int first, end;
 };
 
 }  // namespace cuda

@@ -53,6 +53,16 @@ def test_beyond_the_ends_it_is_constant():
     assert not places.grad.any()
 
 
+def test_a_place_that_is_no_number_has_such_a_value_and_others_are_as_before():
+    grids, coordinates = uniform(2, 4, 5, WIDE), uniform(2, 2, 6, seed=1)
+    expected = interpolate(grids, coordinates)
+    coordinates[0, 1, 3] = torch.nan
+    found = interpolate(grids, coordinates)
+    assert found[1, 3].isnan().all()
+    found[1, 3] = expected[1, 3]
+    assert torch.equal(found, expected)
+
+
 def test_no_place_at_all_is_no_value():
     grids = uniform(2, 4, 4, 8).requires_grad_()
     values = interpolate(grids, torch.zeros(2, 2, 0, dtype=torch.float64))

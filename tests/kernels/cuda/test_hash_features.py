@@ -69,6 +69,7 @@ def test_nothing_reads_beyond_the_tables(operators_there, place, value):
     nowhere = torch.full((20, 3), value, dtype=torch.float64)
     assert hashed(nowhere)(operators_there, tables)[0].isfinite().all()
     assert hashed(torch.zeros(9, 3), value)(operators_there, tables)[0].isfinite().all()
+    assert hashed(nowhere)(Operators(), tables)[0].shape == (20, 12)
 
 
 def test_features_and_their_gradients_take_a_launch_each():
@@ -113,6 +114,9 @@ LEFT = {
     "no rows": (torch.zeros(0, 3), tables_of(torch.float32, 4), SIZES),
     "half precision": (
         numbers(4, 3, seed=0).bfloat16(), tables_of(torch.bfloat16, 4), SIZES
+    ),
+    "more corners than float32 counts": (
+        numbers(4, 3, seed=0), [numbers(64, 1, seed=1)], ((2**24 + 1, 2),)
     ),
     "many resolutions": (
         numbers(4, 3, seed=0), [numbers(64, 1, seed=1)] * (HASH_LEVELS + 1),

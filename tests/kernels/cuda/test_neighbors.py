@@ -2,9 +2,12 @@
 
 import pytest
 import torch
+from support.calls import CountedLauncher
 
 from gsfw.core.operators import Operators
+from gsfw.kernels.cuda import neighbors
 from gsfw.kernels.cuda.neighbors import can_find
+from gsfw.kernels.cuda.operators import CudaOperators
 from gsfw.kernels.cuda.step_jobs import NEIGHBOR_THREADS
 
 SIZES = (30, NEIGHBOR_THREADS, NEIGHBOR_THREADS + 45)
@@ -33,6 +36,15 @@ def test_single_precision_finds_the_same_whatever_the_order_of_threads(operators
     distances = (given[:, None] - given).square().sum(2)
     expected = distances.fill_diagonal_(torch.inf).sort(1).values[:, :8]
     torch.testing.assert_close(distances.gather(1, found), expected)
+
+
+def test_rows_that_are_found_in_several_launches_are_those_of_one(monkeypatch):
+    given, launcher = points(SIZES[-1], 3), CountedLauncher()
+    expected = CudaOperators(launcher).neighbors(given, 20)
+    monkeypatch.setitem(neighbors.MOST_PAIRS, given.dtype, NEIGHBOR_THREADS * len(given))
+    found = CudaOperators(launcher).neighbors(given, 20)
+    assert len(launcher.launches) == 1 + 2
+    assert torch.equal(found, expected)
 
 
 def test_fewer_points_than_neighbors_are_filled_up_with_the_own_row(operators):

@@ -31,6 +31,15 @@ def test_slices_and_their_gradients_are_those_of_torch(operators_there, place, r
     agree(sliced, operators_there, given(rows, dtype, -1.0, 0.0), place, roundings=200.0)
 
 
+@pytest.mark.unchecked
+def test_rows_that_are_no_quaternions_are_refused_as_by_torch():
+    launcher, rows = CountedLauncher(), torch.rand(5, 3)
+    for operators in (CudaOperators(launcher), Operators()):
+        with pytest.raises((RuntimeError, ValueError)):
+            operators.slices(rows, rows, rows)
+    assert launcher.launches == []
+
+
 @pytest.mark.parametrize(("low", "high"), [(-9.0, 2.0), (-3.0, 18.0), (-18.0, 0.0)])
 def test_slices_in_float32_keep_their_digits_at_extreme_scales(operators_there, place, low, high):
     left, right, logs = given(2000, torch.float32, low, high)
