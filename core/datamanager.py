@@ -15,7 +15,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from gsfw.core.batch import Batch
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.scene import Scene
 
@@ -66,14 +66,19 @@ class Views:
         return int(median([camera.width * camera.height for camera in self.cameras] or [0]))
 
     def groups(self, indices: Sequence[int]) -> list[tuple[int, ...]]:
-        """Split ``indices`` into runs that may share a batch: one time, one size, one model."""
-        grouped: dict[tuple[object, ...], list[int]] = {}
+        """Split ``indices`` into runs that may share a batch: one time, one size, one model.
+
+        Those of most views come first, and then those of the smallest images: steps with the same
+        numbers and sizes of images have them in the same order.
+        """
+        grouped: dict[tuple[float | None, int, int, CameraModel], list[int]] = {}
         for index in indices:
             camera = self.cameras[index]
             time = None if camera.time is None else float(camera.time[0])
             key = (time, camera.width, camera.height, camera.model)
             grouped.setdefault(key, []).append(index)
-        return [tuple(group) for group in grouped.values()]
+        order = sorted(grouped, key=lambda key: (-len(grouped[key]), key[1], key[2]))
+        return [tuple(grouped[key]) for key in order]
 
 
 @dataclass(frozen=True)

@@ -153,14 +153,17 @@ class GuidedSampling(Refiner):
         patches = area_means(maps.nan_to_num(0.0, 0.0, 0.0), width, height)
         depths = patches[..., 4] / torch.where(patches[..., 5] > 0, patches[..., 5], 1.0)
         rays = pixel_rays(batch.cameras.resized(width, height))
+        # The next recorded step writes over what belongs to its batch.
+        forwards = batch.cameras.world_to_camera[:, 2, :3].clone()
+        time = None if batch.time is None else batch.time.clone()
         for index, view in enumerate(batch.views):
             self._seen[view] = SeenView(
                 errors=patches[index, ..., 0],
                 colors=patches[index, ..., 1:4],
                 depths=depths[index],
                 rays=rays[index],
-                forward=batch.cameras.world_to_camera[index, 2, :3],
-                time=batch.time,
+                forward=forwards[index],
+                time=time,
             )
 
     @torch.no_grad()

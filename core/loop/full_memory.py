@@ -44,13 +44,15 @@ def shortage(error: BaseException) -> str:
 def memory_full(error: torch.OutOfMemoryError, trainer: Trainer) -> TrainingError:
     """The error for a run that a GPU has no room for; writes a checkpoint if the state is whole.
 
-    The images and gradients of the unfinished step are given up first, to make room for that.
+    The images and gradients of the unfinished step, and recorded steps, are given up first, to make
+    room for that.
     """
     lack = shortage(error)
     clear_frames(error.__traceback__)
-    trainer.parts.optimizer.zero_gradients()
+    trainer.updates.give_up()
     if trainer.parts.device.type == "cuda":
-        torch.cuda.empty_cache()
+        with suppress(RuntimeError):  # It refuses after a recording that has failed.
+            torch.cuda.empty_cache()
     with suppress(torch.OutOfMemoryError, OutputError, ValueError):  # The last one stays.
         trainer.keep_state()
     return TrainingError(
@@ -93,6 +95,8 @@ def _advice(trainer: Trainer, cache: str, elsewhere: str) -> str:
     ]
     if settings.get(cache):
         less.append(f"no images kept there ({cache}=0)")
+    if trainer.plan.records_steps and trainer.parts.device.type == "cuda":
+        less.append("no recorded steps (graph=off)")
     advice = f"A run needs less with {', '.join(less[:-1])} or {less[-1]}"
     if "rasterizer.pairs_mb" in settings:
         advice += "; a lower rasterizer.pairs_mb refuses single images that need much"

@@ -96,7 +96,7 @@ class MemoryWatch:
                 return _Look(memory, 0, is_full=True)
         if self._device.type == "cuda":
             memory = gpu_memory(self._device)
-            free = memory.free
+            free = memory.free - trainer.updates.idle_memory
         if memory is None:
             return None
         model, whole = trainer.parts.model, trainer.parts.refined

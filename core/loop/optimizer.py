@@ -201,7 +201,10 @@ class Optimizer:
             if tensor.grad is None:
                 continue
             if group.weight_decay:
-                tensor.mul_(1.0 - finite.to(tensor.dtype) * (rate * group.weight_decay))
+                decay = rate * group.weight_decay
+                if isinstance(decay, Tensor):  # It rounds as a number of the host does.
+                    decay = decay.to(tensor.dtype)
+                tensor.mul_(1.0 - finite.to(tensor.dtype) * decay)
             updates.append(AdamUpdate(tensor, tensor.grad, moments, rate))
         return updates
 

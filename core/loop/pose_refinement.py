@@ -141,7 +141,7 @@ def motion_matrices(
     shift = (pivots - turned) + extent * motions[:, 3:]
     top = torch.cat([rotation, shift[:, :, None]], dim=2)
     bottom = top.new_zeros(len(top), 1, 4)
-    bottom[:, :, 3] = 1.0
+    bottom[:, :, 3].fill_(1.0)  # A number that is assigned would be sent by the host.
     return torch.cat([top, bottom], dim=1)
 
 

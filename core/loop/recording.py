@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -31,7 +32,28 @@ class Recorder(ABC):
 
         Raises:
             RuntimeError: it does something that cannot be recorded; nothing has been run.
+            torch.OutOfMemoryError: memory is full.
         """
+
+    @property
+    def idle_memory(self) -> int:
+        """Bytes that only recordings can use, beyond those of tensors."""
+        return 0
+
+    def release(self, at_once: bool = False) -> None:  # noqa: B027
+        """Give memory back, once no recording is left.
+
+        Args:
+            at_once: all of it, for something else than further recordings.
+        """
+
+
+ENDS = ("_cuda_endAllocateToPool", "_cuda_endAllocateCurrentStreamToPool")
+"""Functions of torch that end the allocations of a capture; the second one before torch 2.7."""
+
+OUTGROWN = 2
+"""Multiple of what the recordings of some rows took at which a pool is given back: further ones,
+of more rows, find no block in it that is large enough, and it would grow with every refinement."""
 
 
 class CudaRecorder(Recorder):
@@ -47,6 +69,23 @@ class CudaRecorder(Recorder):
         self._pool = torch.cuda.graph_pool_handle()
         # torch forgets a pool that no graph uses, and then refuses it.
         self._keeper: torch.cuda.CUDAGraph | None = None
+        self._reserved = self._used = self._first = 0
+        """Bytes of the pool, those of tensors in it, and those that the first rows took."""
+
+    @property
+    def idle_memory(self) -> int:
+        """Bytes of the pool without those of tensors in it."""
+        return max(self._reserved - self._used, 0)
+
+    def release(self, at_once: bool = False) -> None:
+        """Begin another pool, if this one has outgrown what recordings need."""
+        self._used = 0
+        self._first = self._first or self._reserved
+        if at_once or self._reserved > OUTGROWN * self._first:
+            self._pool, self._keeper = torch.cuda.graph_pool_handle(), None
+            self._reserved = self._first = 0
+            with suppress(RuntimeError):  # It refuses after a capture that has failed.
+                torch.cuda.empty_cache()
 
     @contextmanager
     def working(self) -> Iterator[None]:
@@ -63,20 +102,68 @@ class CudaRecorder(Recorder):
         """Capture a CUDA graph."""
         if self._keeper is None:
             self._keeper = self._captured(lambda: torch.zeros(1, device=self._device))
-        return self._captured(work)
+        reserved, used = torch.cuda.memory_reserved, torch.cuda.memory_allocated
+        before = reserved(self._device), used(self._device)
+        try:
+            return _CudaRecording(self._captured(work))
+        finally:
+            self._reserved += reserved(self._device) - before[0]
+            self._used += used(self._device) - before[1]
 
     def _captured(self, work: Callable[[], object]) -> torch.cuda.CUDAGraph:
         graph = torch.cuda.CUDAGraph()
-        # Threads that decode and send images meanwhile may do what a capture forbids.
-        graph.capture_begin(pool=self._pool, capture_error_mode="thread_local")
         try:
-            work()
-        except BaseException:
-            with suppress(RuntimeError):  # The capture has failed, and says so again.
+            with _without_garbage_collection():
+                # Threads that decode and send images meanwhile may do what a capture forbids.
+                graph.capture_begin(pool=self._pool, capture_error_mode="thread_local")
+                work()
                 graph.capture_end()
+        except BaseException:
+            self._abandon(graph)
             raise
-        graph.capture_end()
         return graph
+
+    def _abandon(self, graph: torch.cuda.CUDAGraph) -> None:
+        """End a capture that has failed, for CUDA and for torch's allocator.
+
+        Where CUDA says that it has failed, torch leaves its allocator as during a capture: memory
+        would neither be given back nor be released (``CUDAGraph::capture_end`` of torch 2.6 to
+        2.13).
+        """
+        with suppress(RuntimeError):  # The capture has failed, and says so again.
+            graph.capture_end()
+        end = next(getattr(torch._C, name) for name in ENDS if hasattr(torch._C, name))
+        with suppress(RuntimeError):  # Allocations have ended, and the graph releases its pool.
+            end(self._stream.device_index, self._pool)
+            torch._C._cuda_releasePool(self._stream.device_index, self._pool)
+
+
+class _CudaRecording:
+    """A CUDA graph."""
+
+    def __init__(self, graph: torch.cuda.CUDAGraph) -> None:
+        self._graph = graph
+
+    def replay(self) -> None:
+        """Launch the graph."""
+        try:
+            self._graph.replay()
+        except RuntimeError as error:  # The first launch takes memory of the driver.
+            if "out of memory" in str(error):
+                raise torch.OutOfMemoryError(str(error)) from error
+            raise
+
+
+@contextmanager
+def _without_garbage_collection() -> Iterator[None]:
+    """Collect no garbage: graphs of an earlier run in it would be destroyed during a capture."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.batch import Batch
+from gsfw.core.errors import UnavailableError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.forward import RenderedBatch
 from gsfw.core.loop.optimizer import Optimizer
@@ -34,6 +35,9 @@ logger = logging.getLogger(__name__)
 
 MOST_GRAPHS = 8
 """Graphs for the same rows; steps of further kinds, as of other sizes, are run one by one."""
+
+UNUSED_STEPS = 256
+"""A graph that was not replayed for so many steps makes room for one of another kind."""
 
 FIRST_STEPS = 16
 """Steps of a run that are not recorded, to see how much memory the images of several views need."""
@@ -71,6 +75,16 @@ class _Graph:
     """Parameters and their gradients, for refiners that read them after the step."""
 
 
+@dataclass
+class _Kind:
+    """Steps of one kind, with the same rows."""
+
+    used: int
+    """Number of steps that were run until the latest of this kind."""
+    graph: _Graph | None = None
+    """Recorded at the second such step; the first one is run as usual."""
+
+
 class StepGraphs:
     """Runs steps, by graphs where that can be done."""
 
@@ -78,13 +92,13 @@ class StepGraphs:
         """Nothing is recorded yet; nothing ever is without a ``recorder``."""
         self._parts = parts
         self._recorder = recorder if has_graphs(parts) else None
-        self._graphs: dict[Hashable, _Graph | None] = {}
-        """Graphs by kind of step; ``None`` after the first such step, which was run as usual."""
+        self._kinds: dict[Hashable, _Kind] = {}
         self._rows: Hashable = None
         self._rates = _Rates(parts.optimizer, parts.device)
         self._misfits = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._look = _Look(self._misfits)
         self._steps = self._replays = 0
+        self._told_of_more = False
 
     @property
     def is_of_use(self) -> bool:
@@ -103,16 +117,29 @@ class StepGraphs:
             work: the step; it reads nothing else that differs from step to step.
         """
         self._steps += 1
-        kind = self._kind(inputs, step) if self._steps > FIRST_STEPS else None
-        if kind is None or not self._may_repeat(kind):
+        self._follow_rows()
+        known = self._known(inputs, step) if self._steps > FIRST_STEPS else None
+        if known is None:
             return work(inputs, step)
-        graph = self._graphs[kind]
+        graph = known.graph or self._recorded(inputs, step, work)
         if graph is None:
-            graph = self._recorded(inputs, step, work)
-            if graph is None:
-                return work(inputs, step)
-            self._graphs[kind] = graph
+            return work(inputs, step)
+        known.graph = graph
         return self._replayed(graph, inputs, step)
+
+    def drop(self) -> bool:
+        """Give back the memory of all graphs; false if there were none. Others may follow."""
+        had = any(kind.graph is not None for kind in self._kinds.values())
+        for kind in self._kinds.values():
+            kind.graph = None
+        if had and self._recorder is not None:
+            self._recorder.release(at_once=True)
+        return had
+
+    @property
+    def idle_memory(self) -> int:
+        """Bytes that only the graphs can use, beyond those of tensors."""
+        return 0 if self._recorder is None else self._recorder.idle_memory
 
     def fitting(self, finite: Tensor) -> tuple[Tensor, Tensor]:
         """Two flags: a step may change parameters; a step counts as not finite.
@@ -136,20 +163,68 @@ class StepGraphs:
         measured = refiners.statistics(step), refiners.depth(step)
         return own, measured, inputs.kind()
 
-    def _may_repeat(self, kind: Hashable) -> bool:
-        """True if a step of this kind has been run with the rows that there are."""
+    def _follow_rows(self) -> None:
+        """Forget the graphs of other rows, which are kept in memory by them."""
+        if self._recorder is None:
+            return
         rows = self._parts.optimizer.places()
         if rows != self._rows:
-            self._graphs.clear()
+            self._kinds.clear()
+            self._recorder.release()
             self._rows = rows
-        if kind in self._graphs:
-            return True
-        if len(self._graphs) < MOST_GRAPHS:
-            self._graphs[kind] = None
-        return False
+
+    def _known(self, inputs: StepInputs, step: int) -> _Kind | None:
+        """The kind of a step if it has been run with the rows that there are; else it is noted."""
+        kind = self._kind(inputs, step)
+        if kind is None:
+            return None
+        found = self._kinds.pop(kind, None)
+        if found is None:
+            self._make_place()
+            if len(self._kinds) < MOST_GRAPHS:
+                self._kinds[kind] = _Kind(self._steps)
+            return None
+        found.used = self._steps
+        self._kinds[kind] = found  # The latest one comes last.
+        return found
+
+    def _make_place(self) -> None:
+        """Forget, of too many kinds, the one without a graph or without use for the longest."""
+        if len(self._kinds) < MOST_GRAPHS:
+            return
+        for name, kind in self._kinds.items():
+            if kind.graph is None or kind.used < self._steps - UNUSED_STEPS:
+                del self._kinds[name]
+                return
+        if not self._told_of_more:
+            self._told_of_more = True
+            logger.info(
+                "steps have more than %d kinds (sizes and numbers of images): not all of them are "
+                "recorded in CUDA graphs, which takes time",
+                MOST_GRAPHS,
+            )
 
     def _recorded(self, inputs: StepInputs, step: int, work: Work) -> _Graph | None:
-        """Record a step; ``None``, and no further attempts, where that fails."""
+        """Record a step; ``None`` where that fails, and no further attempts.
+
+        Where memory is full, a second attempt has that of all other graphs.
+        """
+        try:
+            try:
+                return self._record(inputs, step, work)
+            except torch.OutOfMemoryError:
+                self._give_up_step()
+                if not self.drop():
+                    raise
+                return self._record(inputs, step, work)
+        except (RuntimeError, UnavailableError) as error:
+            self._give_up_step()
+            reason = str(error).partition("\n")[0]
+            logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
+            self._end()
+            return None
+
+    def _record(self, inputs: StepInputs, step: int, work: Work) -> _Graph:
         assert self._recorder is not None
         self._rates.follow()
         own = replace(inputs.copied(), rates=self._rates.at(step))
@@ -160,16 +235,20 @@ class StepGraphs:
             outcomes.append(_detached(work(own, step)))
             gradients.extend((leaf, leaf.grad) for leaf in self._parts.optimizer.tensors())
 
-        try:
-            recording = self._recorder.record(record)
-        except RuntimeError as error:
-            self._parts.optimizer.zero_gradients()
-            self._parts.rasterizer.fits()  # Drops the flags of images that were never rendered.
-            reason = str(error).partition("\n")[0]
-            logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
-            self._recorder = None
-            return None
+        recording = self._recorder.record(record)
         return _Graph(recording, own, outcomes[0], gradients)
+
+    def _give_up_step(self) -> None:
+        """Drop the results of a step that was not recorded to its end."""
+        self._parts.optimizer.zero_gradients()
+        self._parts.rasterizer.fits()  # The flags of images that were never rendered.
+
+    def _end(self) -> None:
+        """Record no more steps."""
+        recorder, self._recorder = self._recorder, None
+        self._kinds.clear()
+        if recorder is not None:
+            recorder.release(at_once=True)
 
     def _replayed(self, graph: _Graph, inputs: StepInputs, step: int) -> Outcome:
         torch._foreach_copy_(graph.inputs.tensors(), inputs.tensors())
@@ -181,7 +260,7 @@ class StepGraphs:
         if self._looks() and self._look.is_higher():
             logger.info("images of recorded steps had no room; the next recordings have more")
             self._parts.rasterizer.make_room()
-            self._graphs.clear()
+            self._kinds.clear()
         pairs = zip(graph.outcome.rendered, inputs.batches, strict=True)
         return replace(graph.outcome, rendered=[_shown(*pair, step) for pair in pairs])
 

@@ -58,7 +58,7 @@ class Trainer:
         self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
         recorder = recorder_for(parts.device) if plan.records_steps else None
-        self._updates = Update(parts, self._stopwatch, recorder)
+        self.updates = Update(parts, self._stopwatch, recorder)
         self._memory = MemoryWatch(plan.checks_memory, parts.device)
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
@@ -82,7 +82,7 @@ class Trainer:
             TrainingError: too many steps in a row were not finite, or the GPU's memory is full.
             OutputError: a checkpoint could not be written.
         """
-        with deterministic(self.parts.device), self._updates.working():
+        with deterministic(self.parts.device), self.updates.working():
             try:
                 if self._checkpointed != self.walk.updates:
                     self._checkpoint()  # Also checks that the folder is writable.
@@ -115,10 +115,7 @@ class Trainer:
         return stops
 
     def _one_step(self) -> None:
-        """Run one update, and what the steps of the schedule ask for that it stands for.
-
-        That is one step, unless the run walks at another pace (``core.loop.pace``).
-        """
+        """Run one update and the steps of the schedule that it stands for (``core.loop.pace``)."""
         room = self._memory.limits(self)
         rendered, first = self._update(), self.step
         span, limits = self.walk.advance(self.plan.steps - self.step)
@@ -130,7 +127,7 @@ class Trainer:
             self._stopwatch.step_done()
             self.step += 1
             self.train_seconds += time.perf_counter() - started
-        self._updates.is_underway = False
+        self.updates.is_underway = False
         # In haste many steps pass in little time: evaluations due in them wait for the end.
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
@@ -144,7 +141,7 @@ class Trainer:
         sampler = self.parts.sampler
         views = self.walk.next_views(sampler, self.step)
         coming = self.walk.coming_views(sampler, self.plan.prefetch_views)
-        rendered = self._updates.run(self.plan, views, coming, self.step)
+        rendered = self.updates.run(self.plan, views, coming, self.step)
         self.train_seconds += time.perf_counter() - started
         return rendered
 
@@ -226,7 +223,7 @@ class Trainer:
             step_ms=step_ms,
             stage_ms=stage_ms,
             memory_mb=memory,
-            skipped_steps=self._updates.skipped,
+            skipped_steps=self.updates.skipped,
             resolution=self._resolution(rendered[0]),
             refined=dict(self._refined),
             view=TrainingView(name, context.target[0], context.rendered.color[0].detach()),
@@ -249,7 +246,7 @@ class Trainer:
         if not self._takes_part:
             return
         self._catch_up()
-        skipped_in_a_row = self._updates.skipped_in_a_row
+        skipped_in_a_row = self.updates.skipped_in_a_row
         if skipped_in_a_row >= self.plan.max_skipped:
             self._checkpoint()  # Skipped steps change no parameter: the state is finite.
             if not self.parts.team.leads:
@@ -291,6 +288,7 @@ class Trainer:
             return {"completed": completed}
         if self._checkpointed != self.walk.updates:
             self._checkpoint()
+        self.updates.give_up()
         summary: dict[str, Any] = {"completed": completed}
         if completed:
             evaluation = self._evaluate()
@@ -306,7 +304,7 @@ class Trainer:
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
             **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
-            "skipped_steps": self._updates.skipped,
+            "skipped_steps": self.updates.skipped,
             **self._sizes(),
             **team.summary(),
             **self.parts.corrections.summary(),
@@ -353,7 +351,7 @@ class Trainer:
         Args:
             together: true if all processes of the team do so between the same two steps.
         """
-        is_whole = (together or self.parts.team.size == 1) and not self._updates.is_underway
+        is_whole = (together or self.parts.team.size == 1) and not self.updates.is_underway
         if is_whole and self._checkpointed != self.walk.updates:
             self._checkpoint()
 
@@ -370,7 +368,7 @@ class Trainer:
             "generator": parts.generator.get_state(),
             "walk": self.walk.state_dict(),
             "train_seconds": self.train_seconds,
-            **self._updates.state_dict(),
+            **self.updates.state_dict(),
             "environment": environment(parts.device, parts.rasterizer.capabilities().details),
         }
 
@@ -389,7 +387,7 @@ class Trainer:
         else:  # Generators of different devices have states of different kinds.
             parts.generator.manual_seed(parts.generator.initial_seed() + state["step"])
         self.train_seconds = state["train_seconds"]
-        self._updates.load_state_dict(state)
+        self.updates.load_state_dict(state)
         self.step = state["step"]
         self.walk.load_state_dict(state.get("walk"), self.step)
         self._checkpointed = self.walk.updates

@@ -44,6 +44,17 @@ class Update:
         return self._recorder.working()
 
     @property
+    def idle_memory(self) -> int:
+        """Bytes of a GPU that only recorded steps can use."""
+        return 0 if self._graphs is None else self._graphs.idle_memory
+
+    def give_up(self) -> None:
+        """Free the gradients of an unfinished step, and all recorded steps."""
+        self._parts.optimizer.zero_gradients()
+        if self._graphs is not None:
+            self._graphs.drop()
+
+    @property
     def skipped(self) -> int:
         """Number of updates that were skipped, as they were not finite; waits for a GPU."""
         return int(self._skipped)
@@ -96,7 +107,13 @@ class Update:
 
         if self._graphs is None:
             return self._worked(forward, batches, settings, views, step)
-        outcome = self._graphs.run(StepInputs(batches, settings), step, work)
+        try:
+            outcome = self._graphs.run(StepInputs(batches, settings), step, work)
+        except torch.OutOfMemoryError:
+            if self.is_underway or not self._graphs.drop():
+                raise
+            self._parts.optimizer.zero_gradients()
+            outcome = work(StepInputs(batches, settings), step)
         self.is_underway = True  # A replay changes parameters without passing through ``work``.
         return outcome
 

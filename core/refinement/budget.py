@@ -173,12 +173,16 @@ class Budget(Refiner):
         max_rows = None if most is None else HEADROOM * most
         return GrowthLimits(self.grows, self._is_looking(step), max_rows)
 
+    def can_be_recorded(self, step: int) -> bool:
+        """Not in a round of pruning: the host counts the views that were measured."""
+        return not self._is_looking(step)
+
     def observe(
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
         """Gather losses and contributions; no synchronisation."""
         if self._rounds < ROUNDS:
-            self._losses.add(context)
+            self._losses.add(context, statistics)
         if statistics.contribution is not None and self.statistics(context.step):
             if self._seen is None:
                 self._seen = Contributions(context.num_rows, statistics.contribution.device)

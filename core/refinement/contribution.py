@@ -29,6 +29,8 @@ class Contributions:
         self._largest = torch.zeros(num_rows, device=device)
         self._total = torch.zeros(num_rows, device=device)
         self._pictures = 0
+        self._counted = torch.zeros((), device=device)
+        """Images of steps that have changed something."""
         self._views: set[int] = set()
 
     def add(self, context: StepContext, statistics: RenderStatistics) -> None:
@@ -44,6 +46,7 @@ class Contributions:
             self._total.index_add_(0, rows, total)
             self._largest[rows] = torch.maximum(self._largest[rows], largest)
         self._pictures += len(parts)
+        self._counted += statistics.visible.any(1).sum()
         self._views.update(context.batch.views)
 
     @property
@@ -59,7 +62,7 @@ class Contributions:
     @property
     def mean(self) -> Float[Tensor, " n"]:
         """Mean over the images; the sum over all rows is 1 for an opaque image."""
-        return self._total / max(self._pictures, 1)
+        return self._total / self._counted.clamp_min(1)
 
     @property
     def largest(self) -> Float[Tensor, " n"]:
@@ -72,6 +75,7 @@ class Contributions:
             "largest": self._largest,
             "total": self._total,
             "pictures": self._pictures,
+            "counted": self._counted,
             "views": sorted(self._views),
         }
 
@@ -80,5 +84,6 @@ class Contributions:
         """Restore the contributions that ``state_dict`` returned."""
         found = Contributions(0, state["total"].device)
         found._largest, found._total = state["largest"].clone(), state["total"].clone()
+        found._counted = state["counted"].clone()
         found._pictures, found._views = state["pictures"], set(state["views"])
         return found

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from gsfw.core.context import StepContext
 from gsfw.core.maths.ssim import masked_mean
+from gsfw.core.render_output import RenderStatistics
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,14 @@ class ViewLosses:
         self._visits = self._compared = 0
 
     @torch.no_grad()
-    def add(self, context: StepContext) -> None:
-        """Add a batch; a loss that is not finite counts as no change."""
+    def add(self, context: StepContext, statistics: RenderStatistics) -> None:
+        """Add a batch; a loss that is not finite, or of a step that is none, is no change.
+
+        Args:
+            context: the batch.
+            statistics: of it; zeros where the step has changed nothing.
+        """
+        counts = statistics.visible.any(1)
         width = context.batch.cameras.width
         errors = (context.rendered.color - context.target).abs()
         valid = context.batch.valid
@@ -47,7 +54,7 @@ class ViewLosses:
             found = masked_mean(errors[here], None if valid is None else valid[here])
             last = self._last.get(view)
             before = found.new_zeros(()) if last is None else last.loss
-            loss = torch.where(found.isfinite(), found, before)
+            loss = torch.where(found.isfinite() & counts[place], found, before)
             if last is not None and last.width == width and last.step < context.step:
                 self._gain = self._gain + (before - loss) / (context.step - last.step)
                 self._compared += 1

@@ -54,11 +54,11 @@ class Run:
         self.trainer = Trainer(self.parts, composition.plan, RunFolder(folder), info)
         self.recorder = TapeRecorder(launcher, self.state)
         if recorded:
-            self.trainer._updates = Update(self.parts, self.trainer._stopwatch, self.recorder)
+            self.trainer.updates = Update(self.parts, self.trainer._stopwatch, self.recorder)
 
     def state(self) -> list[torch.Tensor]:
         """All that a step changes."""
-        updates, optimizer = self.trainer._updates, self.optimizer
+        updates, optimizer = self.trainer.updates, self.optimizer
         moments = [part for name in optimizer._moments for part in optimizer.moments(name)]
         held = [tensor for part in moments for tensor in (part.first, part.second, part.count)]
         held += [updates._skipped, updates._skipped_in_a_row, updates._graphs._misfits]
@@ -70,16 +70,16 @@ class Run:
         """Do some steps; the loss of each."""
         losses = []
         for _ in range(count):
-            rendered = self.trainer._updates.run
+            rendered = self.trainer.updates.run
             found = []
 
             def run(*args, rendered=rendered, found=found):
                 found.extend(rendered(*args))
                 return found
 
-            self.trainer._updates.run = run
+            self.trainer.updates.run = run
             self.trainer._one_step()
-            del self.trainer._updates.run
+            del self.trainer.updates.run
             losses.append(sum(float(value.detach()) for value in found[0].losses.values()))
         return losses
 

@@ -5,6 +5,7 @@ import torch
 from support.masked_scene import HELD_OUT, write_masked_scene
 from support.recorded_run import Run
 from support.sampling import sampled
+from support.states import assert_same_bits
 
 from gsfw.core.loop.recordable import can_be_recorded
 from gsfw.kernels.cuda.operators import CudaOperators
@@ -88,8 +89,22 @@ def test_recorded_steps_train_as_others_do(tmp_path, case):
     assert found == expected
     assert same_columns(recorded, usual)
     assert recorded.recorder.recorded >= 2
-    assert recorded.trainer._updates._graphs._replays > 5
-    assert recorded.trainer._updates.skipped == 0
+    assert recorded.trainer.updates._graphs._replays > 5
+    assert recorded.trainer.updates.skipped == 0
+
+
+def test_what_a_refiner_keeps_of_a_view_stays_that_of_its_view(tmp_path):
+    settings = {**SPACETIME, "steps": "400", "squared_steps": "2", "strategy.guided.rounds": "2"}
+    settings |= {"strategy.guided.start": "60", "strategy.guided.every": "50"}
+    usual, recorded = (Run(tmp_path / str(part), part, **settings) for part in (False, True))
+    usual.steps(14)
+    recorded.steps(14)
+    found, expected = (
+        next(refiner for refiner in run.parts.refiners if refiner.name == "guided").state_dict()
+        for run in (recorded, usual)
+    )
+    assert len({float(view["time"]) for view in expected["seen"].values()}) > 1
+    assert_same_bits(found, expected)
 
 
 @pytest.mark.slow
@@ -103,7 +118,7 @@ def test_recorded_steps_with_maps_train_as_others_do(tmp_path):
     assert usual.steps(22) == recorded.steps(22)
     assert same_columns(recorded, usual)
     assert "segmentation" in usual.columns()
-    assert recorded.trainer._updates._graphs._replays > 5
+    assert recorded.trainer.updates._graphs._replays > 5
 
 
 @pytest.mark.parametrize("settings", [SPACETIME, {**SPACETIME, "method": "4d-rotor"}])

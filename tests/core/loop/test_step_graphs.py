@@ -31,7 +31,7 @@ def test_recorded_steps_train_as_others_do(tmp_path):
     # Rows are edited after steps 12, 18 and 24, and the degree rises after step 3: each time a step
     # is run as usual, and the next one is recorded.
     assert 3 <= recorded.recorder.recorded <= 6
-    assert recorded.trainer._updates.skipped == 0
+    assert recorded.trainer.updates.skipped == 0
 
 
 def test_views_pass_through_a_recording(tmp_path):
@@ -39,7 +39,7 @@ def test_views_pass_through_a_recording(tmp_path):
     seen = []
     for _ in range(12):
         views = run.trainer.walk.next_views(run.parts.sampler, run.trainer.step)
-        (item,) = run.trainer._updates.run(run.trainer.plan, views, (), run.trainer.step)
+        (item,) = run.trainer.updates.run(run.trainer.plan, views, (), run.trainer.step)
         run.trainer.step += 1
         assert item.context.batch.views == views
         assert item.context.step == run.trainer.step - 1
@@ -55,12 +55,12 @@ def test_a_replay_is_no_state_between_steps_until_its_step_has_ended(tmp_path, m
     run = Run(tmp_path, True, strategy="none", sh_degree_interval="1")
     run.steps(3)
     assert run.recorder.recorded == 1
-    assert not run.trainer._updates.is_underway
+    assert not run.trainer.updates.is_underway
     seen = []
     observe = type(run.parts.refiners).observe
 
     def watched(self, *arguments):
-        seen.append(run.trainer._updates.is_underway)
+        seen.append(run.trainer.updates.is_underway)
         observe(self, *arguments)
 
     monkeypatch.setattr(type(run.parts.refiners), "observe", watched)
@@ -77,7 +77,7 @@ def test_a_step_without_room_changes_nothing_and_later_ones_have_it(tmp_path, mo
     before = run.columns()["means"].clone()
     run.steps(1)
     assert torch.equal(run.columns()["means"], before)
-    assert run.trainer._updates.skipped == 0
+    assert run.trainer.updates.skipped == 0
     run.steps(3)  # One to be told, one as usual, and one that is recorded with more room.
     assert rooms._most[40, 32] > 1
     before = run.columns()["means"].clone()
@@ -97,7 +97,7 @@ def test_what_cannot_be_recorded_is_run_as_usual_and_told_once(tmp_path, caplog)
     with caplog.at_level(logging.WARNING):
         losses = run.steps(5)
     assert len(losses) == 5
-    assert int(run.trainer._updates._graphs._misfits) == 0
+    assert int(run.trainer.updates._graphs._misfits) == 0
     (record,) = caplog.records
     assert record.getMessage().endswith("operation not permitted when stream is capturing")
 
@@ -122,7 +122,7 @@ def test_recorded_steps_learn_exposures_and_poses_as_others_do(tmp_path, views):
 def test_steps_of_sparse_updates_are_not_recorded(tmp_path, monkeypatch):
     monkeypatch.setattr(Optimizer, "sparse", True)
     run = Run(tmp_path, True)
-    assert isinstance(run.trainer._updates.working(), nullcontext)
+    assert isinstance(run.trainer.updates.working(), nullcontext)
     run.steps(4)
     assert run.recorder.recorded == 0
 
@@ -170,7 +170,7 @@ def test_runs_leave_the_default_stream_only_to_be_recorded(tmp_path, monkeypatch
     monkeypatch.setattr(run.recorder, "working", lambda: stream)
     if not promises:
         run.parts.method.__class__ = Unpromising
-    assert (run.trainer._updates.working() is stream) is promises
+    assert (run.trainer.updates.working() is stream) is promises
 
 
 def test_a_derived_method_has_to_promise_for_itself():

@@ -28,6 +28,11 @@ def test_views_of_one_step_count_as_much_as_views_of_several():
     assert_same_bits(together.state_dict(), apart.state_dict())
 
 
+def test_pictures_of_a_step_that_changed_nothing_do_not_count():
+    seen = gathered(2, look([3.0, 0.6]), look([0.0, 0.0], views=(1,)))
+    assert seen.mean.tolist() == pytest.approx([0.5, 0.1])
+
+
 def test_a_view_that_comes_again_is_still_one_view():
     assert gathered(1, look([1.0]), look([1.0])).num_views == 1
 

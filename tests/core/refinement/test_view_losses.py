@@ -15,7 +15,7 @@ from gsfw.core.refinement.view_losses import ViewLosses
 def visited(*visits):
     losses = ViewLosses()
     for step, views, loss in visits:
-        losses.add(look([[1.0]] * len(views), views=views, step=step, loss=loss)[0])
+        losses.add(*look([[1.0]] * len(views), views=views, step=step, loss=loss))
     return losses
 
 
@@ -34,10 +34,10 @@ def test_views_of_one_batch_are_compared_each_with_itself():
 def test_cleared_means_begin_anew_and_what_is_forgotten_is_not_compared():
     losses = visited((0, (0,), 0.5))
     losses.clear()
-    losses.add(look([1.0], step=2, loss=0.3)[0])
+    losses.add(*look([1.0], step=2, loss=0.3))
     assert (losses.num_compared, losses.mean_loss) == (1, pytest.approx(0.3))
     losses.forget()
-    losses.add(look([1.0], step=4, loss=0.9)[0])
+    losses.add(*look([1.0], step=4, loss=0.9))
     assert (losses.num_compared, losses.gain_per_step) == (1, pytest.approx(0.1))
 
 
@@ -46,23 +46,32 @@ def test_a_step_that_was_not_finite_has_changed_nothing():
     assert losses.gain_per_step == pytest.approx((0.0 + 0.1) / 2)
 
 
+def test_a_step_whose_statistics_are_zeros_has_changed_nothing():
+    losses = visited((0, (0,), 0.5))
+    losses.add(*look([0.0], step=2, loss=0.9))
+    losses.add(*look([1.0], step=4, loss=0.3))
+    assert losses.gain_per_step == pytest.approx((0.0 + 0.1) / 2)
+
+
 def test_pictures_of_another_size_are_not_compared():
     losses = visited((0, (0,), 0.1))
-    context, _ = look([1.0], step=1, loss=0.4)
+    context, statistics = look([1.0], step=1, loss=0.4)
     images = torch.zeros(1, 4, 6, 3)
     larger = Batch(images, front_camera(6, 4), (0,))
     rendered = replace(context.rendered, color=images, alpha=images[..., :1])
-    losses.add(replace(context, batch=larger, rendered=rendered, target=images + 0.4))
+    losses.add(replace(context, batch=larger, rendered=rendered, target=images + 0.4), statistics)
     assert losses.num_compared == 0
 
 
 def test_pixels_that_are_masked_do_not_count():
-    context, _ = look([1.0], loss=0.3)
+    context, statistics = look([1.0], loss=0.3)
     valid = torch.zeros_like(context.target[..., :1], dtype=torch.bool)
     valid[0, 0] = True
     target = torch.where(valid, context.target, 99.0)
     losses = ViewLosses()
-    losses.add(replace(context, batch=replace(context.batch, mask=valid), target=target))
+    losses.add(
+        replace(context, batch=replace(context.batch, mask=valid), target=target), statistics
+    )
     assert losses.mean_loss == pytest.approx(0.3)
 
 
@@ -70,5 +79,5 @@ def test_restored_losses_go_on():
     losses, again = visited((0, (0,), 0.5), (1, (0,), 0.4)), ViewLosses()
     again.load_state_dict(losses.state_dict())
     for each in (losses, again):
-        each.add(look([1.0], step=2, loss=0.1)[0])
+        each.add(*look([1.0], step=2, loss=0.1))
     assert_same_bits(losses.state_dict(), again.state_dict())
