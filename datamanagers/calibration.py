@@ -6,7 +6,6 @@ by half a pixel.
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,8 +16,9 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from gsfw.core.errors import DataError, UnavailableError
+from gsfw.core.errors import DataError
 from gsfw.core.files.json_text import parsed_json
+from gsfw.core.files.toml_text import parsed_toml
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_center, pose_from_opencv
@@ -60,7 +60,6 @@ def read_calibration(file: Path) -> list[CalibratedCamera]:
 
     Raises:
         DataError: it is damaged, or none of the layouts that are read.
-        UnavailableError: it is TOML, and this Python cannot read that.
     """
     if file.name.lower().endswith((".qca.txt", ".xml")):
         cameras = _qualisys(file)
@@ -103,14 +102,7 @@ def _entries(file: Path) -> dict[str, Mapping[str, Any]]:
 def _parse(file: Path) -> Any:  # noqa: ANN401 - whatever the file holds
     if file.suffix.lower() != ".toml":
         return parsed_json(file.read_text("utf-8-sig"))
-    try:
-        tomllib = importlib.import_module("tomllib")
-    except ImportError:
-        raise UnavailableError(
-            f"{file} is TOML, which this Python cannot read.",
-            "Use Python 3.11 or newer, or write the calibration as JSON.",
-        ) from None
-    return tomllib.loads(file.read_text("utf-8-sig"))
+    return parsed_toml(file.read_text("utf-8-sig"))
 
 
 def _opencv(name: str, entry: Mapping[str, Any], file: Path) -> CalibratedCamera:

@@ -7,10 +7,11 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from gsfw.core.files.toml_text import parsed_toml
 from gsfw.plugins.specs import PROJECT
 
 VARIABLE = "GSFW_PLUGIN_PATH"
@@ -104,14 +105,7 @@ def _entry_points(project: Path) -> Mapping[str, str]:
         ValueError: there are none, or the file is no TOML, or not of this form.
     """
     try:
-        tomllib = import_module("tomllib")
-    except ImportError:
-        raise ValueError(
-            "Python 3.10 cannot read its pyproject.toml: give the folder of the package, or use "
-            "Python 3.11 or newer"
-        ) from None
-    try:
-        document = tomllib.loads(project.read_text(encoding="utf-8"))
+        document: Any = parsed_toml(project.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"pyproject.toml cannot be read: {error}") from error
     names: list[str] = []

@@ -17,6 +17,10 @@ from gsfw.preparation.mapping.mapping_rule import MappingRule
 if TYPE_CHECKING:
     from pycolmap import IncrementalPipelineOptions, Reconstruction
 
+    Models: TypeAlias = list[Reconstruction]
+else:  # pycolmap is imported where it is needed.
+    Models = list
+
 SMALLEST = 3
 """Images; two alone tell nothing that a third could confirm."""
 LEAST_POINTS = 15
@@ -29,8 +33,6 @@ of 1.1 takes 1.6 times as long for fox's cameras, and moves no error (0.814 pixe
 REFINEMENTS = (1, 2)
 """Most repetitions of an adjustment of part of a model and of all of it, in which points are
 completed and outliers go; COLMAP's default is 2 and 5."""
-
-Models: TypeAlias = "list[Reconstruction]"
 
 
 @dataclass(frozen=True)

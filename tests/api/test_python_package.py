@@ -10,6 +10,8 @@ from types import ModuleType
 
 import pytest
 
+from gsfw.core.files.toml_text import parsed_toml
+
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "package" / "gsfw" / "__init__.py"
 
@@ -54,8 +56,7 @@ def test_type_checkers_see_every_name():
 
 
 def test_the_build_makes_the_package_from_it():
-    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 cannot read TOML")
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]
+    settings = parsed_toml((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]
     generated = {item["path"]: item for item in settings["generate"]}
     assert generated["gsfw/__init__.py"]["template-path"] == str(SOURCE.relative_to(ROOT))
     assert '__version__ = "${version}"' in SOURCE.read_text()

@@ -56,7 +56,6 @@ def test_an_object_with_cameras_as_keys_is_read(tmp_path):
 
 
 def test_pose2sims_toml_is_read(tmp_path):
-    pytest.importorskip("tomllib", reason="Python 3.10 cannot read TOML")
     pose = cameras().poses[0]
     (tmp_path / "Calib.toml").write_text(
         f'[cam_00]\nname = "cam00"\nsize = [ {WIDTH}.0, {HEIGHT}.0]\nmatrix = {K}\n'
@@ -165,8 +164,6 @@ def test_cameras_that_are_none_are_refused(tmp_path, settings, message):
     ],
 )
 def test_damaged_files_are_refused(tmp_path, name, content, message):
-    if name.endswith(".toml"):
-        pytest.importorskip("tomllib", reason="Python 3.10 cannot read TOML")
     (tmp_path / name).write_text(content)
     with pytest.raises(DataError, match=message):
         read_calibration(tmp_path / name)

@@ -69,11 +69,11 @@ def quantised(given):
     rows = np.zeros(count, dtype=np.dtype(fields, align=True))
     turned = transform_splats(given, Similarity(rotation=FRAME))
     quats = torch.nn.functional.normalize(turned.quats, dim=1).roll(-1, dims=1)
-    rows["POSITION"] = means
-    rows[f"{SPLATTING}:ROTATION"] = (quats * 32767).round()
-    rows[f"{SPLATTING}:SCALE"] = (given.scales * 65535).round()
-    rows[f"{SPLATTING}:OPACITY"][:, 0] = (given.opacities * 255).round()
-    rows[f"{SPLATTING}:SH_DEGREE_0_COEF_0"] = given.colors.coefficients[:, 0]
+    rows["POSITION"] = means.numpy()
+    rows[f"{SPLATTING}:ROTATION"] = (quats * 32767).round().numpy()
+    rows[f"{SPLATTING}:SCALE"] = (given.scales * 65535).round().numpy()
+    rows[f"{SPLATTING}:OPACITY"][:, 0] = (given.opacities * 255).round().numpy()
+    rows[f"{SPLATTING}:SH_DEGREE_0_COEF_0"] = given.colors.coefficients[:, 0].numpy()
     view = {"buffer": 0, "byteLength": rows.nbytes, "byteStride": rows.itemsize}
     accessors, attributes = [], {}
     for name, _, _, component, kind, normalized in kinds:

@@ -32,8 +32,9 @@ LAUNCHES = [
 ]
 """Wider images take a second pass to sort by tile."""
 
-MOST_OPERATIONS = 98
-"""Of torch; more than half of them are views, allocations, and what the watch itself adds."""
+MOST_OPERATIONS = 103
+"""Of torch 2.6; 2.13 has 98. More than half of them are views, allocations, and what the watch
+itself adds."""
 
 # Whole compositions; shapes are checked by the tests of the parts.
 pytestmark = pytest.mark.unchecked
