@@ -116,7 +116,12 @@ def _rows(file: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
     for number, line in enumerate(lines, 1):
         if not line.strip() or line.startswith("#"):
             continue
-        cells = next(csv.reader(io.StringIO(line)))
+        try:
+            cells = next(csv.reader(io.StringIO(line)))
+        except csv.Error as error:  # A NUL on Python 3.10, and a field of more than 128 KiB.
+            raise DataError(
+                f"{file}: line {number} is no CSV: {error}.", "Export the registration again."
+            ) from error
         if columns[0] == cells[0].strip().lower():
             continue
         if len(cells) < len(columns):

@@ -163,6 +163,7 @@ def test_missing_images_are_noted(tmp_path):
         (["view_000.png," + ",".join("1" * 6) + ",wide" + ",0" * 8],
          "line 2 (view_000.png): f is 'wide'; expected a number."),
         (["view_000.png," + ",".join("1" * 6) + ",-35" + ",0" * 8], "is no camera."),
+        (["a" * 200_000], "export.csv: line 2 is no CSV: "),
         (["view_000.png,nan," + ",".join("1" * 6) + ",0" * 8], "x is 'nan'; expected a number."),
     ],
 )  # fmt: skip
