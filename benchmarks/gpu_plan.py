@@ -13,6 +13,7 @@ TESTS = (
     "tests/rasterizers",
     "tests/kernels/cuda",
     "tests/test_devices.py",
+    "tests/core/loop/test_cuda_recorder.py",
     "tests/core/loop/test_determinism.py",
     "tests/datamanagers/test_loader.py",
     "tests/datamanagers/test_upload.py",
