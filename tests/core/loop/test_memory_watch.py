@@ -8,6 +8,7 @@ from support.states import assert_same_bits
 from gsfw.core.errors import NotEnoughMemoryError
 from gsfw.core.loop.memory_watch import MemoryWatch
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.update import Update
 from gsfw.core.machine_memory import Limit, MachineMemory
 from gsfw.core.training_memory import model_row_memory
 
@@ -156,6 +157,10 @@ def test_a_model_on_a_gpu_grows_by_the_memory_of_the_gpu(tmp_path, monkeypatch):
         return MemoryWatch(True, torch.device("cuda"), Memory(free["main"])).limits(made).max_rows
 
     assert most() == rows + 10  # Torch keeps 20 MB for later: with these, 120 MB are no row's.
+    with monkeypatch.context() as recorded:  # Recordings alone can use these 20 MB.
+        recorded.setattr(Update, "idle_memory", 20_000_000)
+        free["gpu"] += 20_000_000
+        assert most() == rows + 10
     free["gpu"] = 5 * 10**8
     assert most() is None
     free["gpu"] = 0.0  # Torch has an error for a GPU that is full.
