@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from gsfw.commands.interface.arguments import HelpRequested, layers, parse
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.page import paragraphs
 from gsfw.commands.train import read_settings
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import installed
@@ -24,7 +25,7 @@ def run(tokens: list[str]) -> int:
     """Show settings."""
     arguments = parse(tokens)
     if arguments.flag("help"):
-        raise HelpRequested(HELP)
+        raise HelpRequested(paragraphs(HELP))
     if arguments.words[:1] != ("show",):
         raise ConfigError(
             "gsfw config: what to do is missing.", "Write gsfw config show method=NAME."

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, full_key, parse
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.page import paragraphs
 from gsfw.commands.interface.team import (
     check_started,
     console_of,
@@ -60,6 +61,7 @@ Go on with a run that was stopped, from its last checkpoint or the one that RUN 
 the result has the same bits as that of a run that was never stopped.
 
 RUN is the folder that gsfw train made, a checkpoint in it, or latest.
+
 Keys that may change: {", ".join(CHANGEABLE)}.
 
 examples:
@@ -72,7 +74,7 @@ def run(tokens: list[str]) -> int:
     began = time.perf_counter()
     arguments = with_processes(parse(tokens))
     if arguments.flag("help"):
-        raise HelpRequested(HELP)
+        raise HelpRequested(paragraphs(HELP))
     changed = _changed(arguments)
     console = console_of(arguments)
     from gsfw.commands.interface.progress import load_torch

@@ -336,17 +336,23 @@ def _slots(names: Iterable[str]) -> set[str]:
     return {key.partition(".")[0] for key in names} & {*SLOT_KEYS}
 
 
+def preset_names(config: MethodConfig) -> tuple[str, ...]:
+    """Names of all presets of a method: its own, and the one that every method has."""
+    return tuple(dict.fromkeys([*config.presets, PAPER]))
+
+
 def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
     """The preset named "default", if there is one, and the chosen one."""
     name, source = last(layers, "preset")
-    if name == PAPER and name not in config.presets:
-        name = None
-    if name is not None and name not in config.presets:
+    known = preset_names(config)
+    if name is not None and name not in known:
         raise ConfigError(
             f"{where(source)}method {method.name!r} has no preset {name!r}."
-            f"{did_you_mean(name, [*config.presets, PAPER])}",
-            f"Presets: {', '.join(dict.fromkeys([*config.presets, PAPER]))}.",
+            f"{did_you_mean(name, known)}",
+            f"Presets: {', '.join(known)}.",
         )
+    if name not in config.presets:  # The one of every method, which changes nothing.
+        name = None
     return [
         Layer(f"preset {key}", config.presets.get(key, {}), rank=rank)
         for rank, key in ((Rank.DEFAULT_PRESET, "default"), (Rank.PRESET, name or "default"))

@@ -25,6 +25,7 @@ from gsfw.plugins.exporters import exporter_options
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
 from gsfw.plugins.registry import SLOTS, Registry
+from gsfw.plugins.resolving import preset_names
 from gsfw.rendering.channels import CHANNELS
 from gsfw.scaffold.kinds import BASES, KINDS
 
@@ -135,7 +136,7 @@ def _setting_lines(verb: str, registry: Registry) -> Iterator[str]:
     for line in sorted(everywhere):
         yield f"{verb}|{line}"
     for name, found in settings.items():
-        yield f"{verb} method={name}|preset=|{' '.join(configs[name].presets)}"
+        yield f"{verb} method={name}|preset=|{' '.join(preset_names(configs[name]))}"
         for line in found.values():
             if line not in everywhere:
                 yield f"{verb} method={name}|{line}"

@@ -6,6 +6,7 @@ import logging
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from shutil import get_terminal_size
 from typing import Any
 
 from gsfw.core.files.json_text import json_text
@@ -13,6 +14,10 @@ from gsfw.core.notebook import is_notebook
 
 WIDTH_OF_FILES = 160
 """Width of a table without a terminal, in columns."""
+USUAL_WIDTH = 80
+"""Width of a terminal that does not know its own."""
+LEAST_WIDTH = 20
+"""Narrower terminals have to wrap lines themselves."""
 
 
 class LoggedWarnings(logging.Handler):
@@ -89,19 +94,33 @@ class ProgramConsole(Console):
         """Print nothing: functions return their results."""
 
 
-def render_table(
-    columns: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    title: str = "",
-    widths: Sequence[int] = (),
-) -> str:
+def screen_width() -> int:
+    """Columns of the terminal behind standard output; ``WIDTH_OF_FILES`` where there is none."""
+    # While a bar is displayed, an object of rich stands in for the stream, which is no terminal.
+    stream = getattr(sys.stdout, "rich_proxied_file", sys.stdout)
+    if not stream.isatty():
+        return WIDTH_OF_FILES
+    return max(get_terminal_size((USUAL_WIDTH, 24)).columns, LEAST_WIDTH)
+
+
+def heading(text: str) -> str:
+    """A line in bold type; plain where standard output is no terminal."""
+    from rich.console import Console as Screen
+    from rich.text import Text
+
+    screen = Screen(width=screen_width())
+    with screen.capture() as captured:
+        screen.print(Text(text, style="bold"))
+    return captured.get().rstrip("\n")
+
+
+def render_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> str:
     """Format a table as text, as wide as the terminal; the last column wraps.
 
     Args:
         columns: headings; all empty for none.
         rows: cells.
         title: a line above.
-        widths: least widths of the first columns, so that several tables align.
     """
     from rich.console import Console as Screen
     from rich.table import Table
@@ -109,17 +128,11 @@ def render_table(
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(columns))
     for index, column in enumerate(columns):
-        table.add_column(
-            column,
-            header_style="bold",
-            no_wrap=index < len(columns) - 1,
-            min_width=widths[index] if index < len(widths) else None,
-        )
+        table.add_column(column, header_style="bold", no_wrap=index < len(columns) - 1)
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
-    screen = Screen(width=None if sys.stdout.isatty() else WIDTH_OF_FILES)
+    screen = Screen(width=screen_width())
     with screen.capture() as captured:
-        if title:
-            screen.print(Text(title, style="bold"))
         screen.print(table)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+    lines = [line.rstrip() for line in captured.get().splitlines()]
+    return "\n".join([heading(title), *lines] if title else lines)

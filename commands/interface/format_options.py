@@ -41,8 +41,8 @@ def format_help(form: str) -> str:
     Raises:
         ConfigError: there is no such format.
     """
-    from gsfw.commands.interface.console import render_table
     from gsfw.commands.interface.help import option_row
+    from gsfw.commands.interface.page import option_table
     from gsfw.plugins.exporters import exporter_options
     from gsfw.plugins.loading import load
     from gsfw.plugins.registry import installed
@@ -52,4 +52,4 @@ def format_help(form: str) -> str:
     title = f"format {form}: {spec.description}"
     if not options:
         return f"{title}\n  It has no options."
-    return render_table(("", "", ""), list(map(option_row, options)), title)
+    return option_table(list(map(option_row, options)), title)

@@ -7,7 +7,7 @@ from dataclasses import fields
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any
 
-from gsfw.commands.interface.console import render_table
+from gsfw.commands.interface.page import Row, option_table, paragraphs
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.arguments import Options
@@ -56,9 +56,9 @@ def options_help(verb: str, kind: type[Options]) -> str:
         [
             f"{usage} [key=value ...]",
             "",
-            cleandoc(kind.__doc__ or ""),
+            paragraphs(cleandoc(kind.__doc__ or "")),
             "",
-            render_table(("", "", ""), [*rows, *map(option_row, options)]),
+            option_table([*rows, *map(option_row, options)]),
             *_examples(kind.examples),
         ]
     )
@@ -74,38 +74,37 @@ def settings_help(verb: str, settings: Settings, registry: Registry, problem: st
         problem: what is wrong with the given settings, where ``settings`` are not those.
     """
     from gsfw.plugins.keys import SLOT_KEYS, keys
+    from gsfw.plugins.resolving import preset_names
 
     method = settings.method
     choices = [
         (f"{slot}={settings.choices[slot].name}", "name", ", ".join(registry.slot(slot)))
         for slot in SLOT_KEYS
     ]
-    presets = ", ".join(settings.config.presets)
+    presets = ", ".join(preset_names(settings.config))
     run = [
         ("config=FILE", "path", "Settings of a file, such as a run's config.yaml; repeatable."),
         ("preset=default", "name", f"Settings that go together: {presets}."),
     ]
-    groups: dict[str, list[tuple[str, str, str]]] = {"parts": choices, "": run}
-    callbacks: list[tuple[str, str, str]] = []
+    groups: dict[str, list[Row]] = {"parts": choices, "": run}
+    callbacks: list[Row] = []
     for key in keys(settings.config):
         group = key.name.rpartition(".")[0]
         rows = callbacks if group.startswith("callbacks.") else groups.setdefault(group, [])
         rows.append(option_row(key))
     groups["callbacks"] = callbacks
-    widths = [
-        max(len(row[column]) for rows in groups.values() for row in rows) for column in (0, 1)
-    ]
+    every = [row for rows in groups.values() for row in rows]
     lines = [
         f"usage: gsfw {verb} method={method.name} [key=value ...]",
         "",
-        f"{method.description}{f' ({method.paper})' if method.paper else ''}",
+        paragraphs(f"{method.description}{f' ({method.paper})' if method.paper else ''}"),
         "",
-        _whose_values(settings, problem),
+        paragraphs(_whose_values(settings, problem)),
     ]
     for group, rows in groups.items():
         part = settings.choices.get(group)
         title = f"{group} {part.name}" if part else group or "run"
-        lines += ["", render_table(("", "", ""), rows, title, widths)]
+        lines += ["", option_table(rows, title, every)]
     return "\n".join(lines)
 
 
@@ -117,7 +116,7 @@ def _whose_values(settings: Settings, problem: str) -> str:
     return f"Values of a run on {data} with the given settings (gsfw config show names sources):"
 
 
-def option_row(key: Key) -> tuple[str, str, str]:
+def option_row(key: Key) -> Row:
     """The row of an option in a table of help: KEY=VALUE, type, meaning."""
     from gsfw.plugins.values import as_text, describe
 

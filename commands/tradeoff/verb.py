@@ -90,10 +90,11 @@ def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> Non
 def _help() -> HelpRequested:
     """The help of both forms."""
     from gsfw.commands.interface.help import options_help
+    from gsfw.commands.interface.page import paragraphs
     from gsfw.commands.tradeoff.model import ModelOptions
     from gsfw.commands.tradeoff.training import TrainingOptions
 
     trains = options_help("tradeoff", TrainingOptions)
-    more = "Every other key is a setting of the runs: gsfw train method=3dgs --help."
+    more = paragraphs("Every other key is a setting of the runs: gsfw train method=3dgs --help.")
     text = "\n\n".join([options_help("tradeoff", ModelOptions), trains, more])
     return HelpRequested(text, (ModelOptions, TrainingOptions))

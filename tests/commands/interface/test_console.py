@@ -31,7 +31,3 @@ def test_only_the_last_column_of_a_table_wraps():
     assert len(lines) == 3
     assert all(len(line) <= WIDTH_OF_FILES for line in lines)
     assert lines[1].startswith(" " * 32 + "word")
-
-
-def test_tables_can_share_the_widths_of_their_columns():
-    assert render_table(["", ""], [["a", "b"]], widths=[5]) == "a      b"
