@@ -24,7 +24,7 @@ from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.progress import stage
 from gsfw.parallel.environment import world
-from gsfw.plugins.registry import Registry, installed
+from gsfw.plugins.registry import Registry, did_you_mean, installed
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.new_training import NewTraining
@@ -138,7 +138,7 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
     if not any("method" in layer.values for layer in given):
         if wanted:
             raise HelpRequested("\n".join([_usage(verb), *_methods(verb, registry)]))
-        raise ConfigError("no method is chosen.", "\n".join(_methods(verb, registry)))
+        raise ConfigError(_no_method(given), "\n".join(_methods(verb, registry)))
     if wanted:
         from gsfw.commands.interface.help import settings_help
 
@@ -161,6 +161,17 @@ def _settings_to_explain(given: Sequence[Layer], registry: Registry) -> tuple[Se
             key: text for layer in given for key, text in layer.values.items() if key in CHOICE_KEYS
         }
         return resolve(registry, [Layer(COMMAND_LINE, chosen)]), error.message
+
+
+def _no_method(given: Sequence[Layer]) -> str:
+    """The message on settings without a method; names the key that was meant for one, if any."""
+    from gsfw.plugins.settings import where
+
+    for layer in given:
+        for key in layer.values:
+            if meant := did_you_mean(key, ["method"]):
+                return f"{where(layer.source)}unknown key {key!r}.{meant}"
+    return "no method is chosen."
 
 
 def _usage(verb: str) -> str:

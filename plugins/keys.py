@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from typing import Any, get_type_hints
 
+from gsfw.plugins.registry import did_you_mean
 from gsfw.plugins.values import as_text
 
 SLOT_KEYS = ("strategy", "rasterizer", "datamanager", "sampler")
@@ -122,11 +123,10 @@ def _own_field_help(kind: type) -> dict[str, str]:
 def suggest_key(given: str, known: Iterable[str]) -> str:
     """Suggest the nearest key in a sentence with a leading space; empty if there is none.
 
-    A key without its group ("means_lr") suggests the full one ("optim.means_lr").
+    A key without its group ("means_lr") suggests the full one ("optim.means_lr"), and a word of
+    another tool ("iterations") ours ("steps").
     """
     names = list(known)
     near = [name for name in names if name.rpartition(".")[2] == given.rpartition(".")[2]]
-    near = difflib.get_close_matches(given, near, 1, cutoff=0.0) or difflib.get_close_matches(
-        given, names, 1, cutoff=0.6
-    )
-    return f" Did you mean {near[0]!r}?" if near else ""
+    same = difflib.get_close_matches(given, near, 1, cutoff=0.0)
+    return f" Did you mean {same[0]!r}?" if same else did_you_mean(given, names)

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.discovery import Discovery, PluginSource
+from gsfw.plugins.other_tools import equivalent
 from gsfw.plugins.plugin_path import FROM, VARIABLE, removal
 from gsfw.plugins.skipped import HOOK, PLUGIN, BrokenPlugin, other_version
 from gsfw.plugins.specs import PROJECT, Spec
@@ -78,9 +79,18 @@ def how_to_get(packages: Sequence[str]) -> str:
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """Suggest the nearest known name in a sentence with a leading space; empty if there is none."""
-    near = difflib.get_close_matches(given, list(known), 1, cutoff=0.6)
-    return f" Did you mean {near[0]!r}?" if near else ""
+    """Suggest a known name in a sentence with a leading space; empty if none is near.
+
+    Words of other tools count as ours: "splatfacto" suggests "3dgs".
+    """
+    names = list(known)
+    near = equivalent(given, names) or nearest(given, names)
+    return f" Did you mean {near!r}?" if near else ""
+
+
+def nearest(given: str, known: Sequence[str]) -> str:
+    """The known name that a misspelt one resembles; empty if there is none."""
+    return "".join(difflib.get_close_matches(given, known, 1, cutoff=0.6))
 
 
 def what_is_missing(path: Path) -> str:

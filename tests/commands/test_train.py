@@ -37,6 +37,22 @@ def test_without_a_method_the_methods_are_listed_with_the_next_command(capsys):
     assert lines[-1] == "Next: gsfw train method=3dgs (with --help: every setting)."
 
 
+def test_a_misspelt_method_is_named(capsys, tmp_path):
+    lines = refusal(capsys, "mehtod=3dgs", "steps=30").splitlines()
+    assert lines[:2] == ["error: unknown key 'mehtod'. Did you mean 'method'?", "Methods:"]
+    (tmp_path / "a.yaml").write_text("methods: 3dgs")
+    assert refusal(capsys, "config=a.yaml").startswith(
+        "error: config file a.yaml: unknown key 'methods'. Did you mean 'method'?"
+    )
+    assert refusal(capsys, "steps=30").startswith("error: no method is chosen.")
+
+
+def test_words_of_other_tools_are_answered_with_ours(capsys):
+    assert "no method 'splatfacto'. Did you mean '3dgs'?" in refusal(capsys, "method=splatfacto")
+    for key, ours in {"iterations": "steps", "lr": "optim.means_lr"}.items():
+        assert f"unknown key {key!r}. Did you mean {ours!r}?" in refusal(capsys, *SMALL, f"{key}=1")
+
+
 def test_words_that_are_no_pairs_are_explained(capsys, tmp_path):
     (tmp_path / "garden").mkdir()
     explained = {
@@ -56,6 +72,7 @@ def test_help_shows_every_key_with_type_default_and_sentence(capsys):
     assert "strategy=mcmc name adc, error, mcmc, none" in lines
     assert any(line.startswith("seed=42 whole number Seed of every generator;") for line in lines)
     assert {"parts", "run", "optim", "strategy mcmc", "datamanager synthetic"} <= set(lines)
+    assert any(line.endswith("together: fast, default, high, paper.") for line in lines)
 
 
 def test_help_shows_the_values_that_the_run_has_on_the_given_data(capsys, tmp_path):

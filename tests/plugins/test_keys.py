@@ -48,3 +48,14 @@ def test_suggestions_take_the_last_part_first_and_stay_silent_when_far_off():
     assert suggest_key("optim.mean_lr", known) == " Did you mean 'optim.means_lr'?"
     assert suggest_key("means_lr", known) == " Did you mean 'optim.means_lr'?"
     assert suggest_key("zzz", known) == ""
+
+
+def test_words_of_other_tools_suggest_ours_if_the_chosen_parts_have_them():
+    known = ["steps", "validation", "downscale", "resolution_steps", "holdout_every", "seed"]
+    assert suggest_key("iterations", known) == " Did you mean 'steps'?"
+    assert suggest_key("pipeline.max_num_iterations", known) == " Did you mean 'steps'?"
+    assert suggest_key("resolution", known) == " Did you mean 'downscale'?"
+    assert suggest_key("eval", known) == " Did you mean 'holdout_every'?"
+    assert suggest_key("lr", known) == ""
+    assert suggest_key("lr", [*known, "optim.means_lr"]) == " Did you mean 'optim.means_lr'?"
+    assert suggest_key("max_gs_num", known) == "", "the strategy has no such setting"

@@ -62,6 +62,11 @@ def test_a_run_whose_rasterizer_is_missing_can_go_on_with_another():
     )
 
 
+def test_a_part_of_another_tool_suggests_ours():
+    assert did_you_mean("splatfacto", ["3dgs", "4dgs"]) == " Did you mean '3dgs'?"
+    assert did_you_mean("splatfacto", ["4dgs"]) == ""
+
+
 def test_nothing_is_suggested_for_what_resembles_nothing():
     assert did_you_mean("zzz", ["adc", "mcmc"]) == ""
 
