@@ -27,6 +27,8 @@ SPINS = "1000"
 two threads on two busy cores wait for one another: rendering 3,000 splats forward and backward
 took 2.8 s instead of 80 ms; on idle cores the value has no measurable cost."""
 
+HELP = ("--help", "-h", "help")
+"""First words that ask for help, on the verb that follows or on all."""
 SHOW_BROKEN = ("plugins", "doctor")
 """Verbs that report broken plugins themselves."""
 
@@ -73,8 +75,10 @@ def _flag(tokens: list[str], name: str) -> bool:
 
 
 def _run(tokens: list[str], console: Console) -> int:
-    if not tokens or tokens[0] in ("--help", "-h", "help"):
-        raise HelpRequested(main_help(installed()))
+    if not tokens or tokens[0] in HELP:
+        if not parse(tokens[1:]).words:
+            raise HelpRequested(main_help(installed()))
+        tokens = [*tokens[1:], "--help"]  # gsfw help train.
     if tokens[0] in ("--version", "version"):
         console.say(f"{PROJECT} {metadata.version(PROJECT)}")
         console.result({PROJECT: metadata.version(PROJECT)})

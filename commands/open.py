@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from gsfw.commands.interface.arguments import parse
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from gsfw.commands.interface.arguments import positionals, read_options
 from gsfw.commands.interface.runs import LATEST
+from gsfw.commands.view import ViewOptions
+
+
+@dataclass(kw_only=True)
+class OpenOptions(ViewOptions):
+    """Look at the latest run in the browser; of a RUN or FILE that is named, as gsfw view does."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw open",
+        "gsfw open browser=true",
+        "gsfw open runs/first",
+    )
+
+    runs: tuple[str, ...] = positionals("[RUN|FILE ...]", least=0)
+    """Left out: the latest run. One or two: what gsfw view opens."""
 
 
 def run(arguments: list[str]) -> int:
     """Start the viewer."""
-    from gsfw.commands.view import run as view
+    options = read_options("open", OpenOptions, arguments)
+    from gsfw.commands import view
 
-    given = parse(arguments)
-    is_named = given.words or "runs" in given.values or given.flag("help")
-    return view(arguments if is_named else [LATEST, *arguments])
+    return view.show("open", replace(options, runs=options.runs or (LATEST,)))

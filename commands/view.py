@@ -29,8 +29,8 @@ class ViewOptions(DetailOptions):
     )
 
     runs: tuple[str, ...] = positionals("RUN|FILE ...")
-    """One or two: a run folder, a checkpoint, latest, a model file (.gsfw), or a splat file (.ply)
-    of any tool."""
+    """One or two: a run folder, a checkpoint, latest, a model file (.gsfw), or a splat file of any
+    format (gsfw plugins slot=importer)."""
     data: str = ""
     """Place of the data set. Empty: its place in training."""
     device: str = ""
@@ -43,8 +43,20 @@ class ViewOptions(DetailOptions):
 
 def run(arguments: list[str]) -> int:
     """Open the models, and serve their page until Ctrl-C."""
-    options = read_options("view", ViewOptions, arguments)
-    _check(options)
+    return show("view", read_options("view", ViewOptions, arguments))
+
+
+def show(verb: str, options: ViewOptions) -> int:
+    """Open the models, and serve their page until Ctrl-C.
+
+    Args:
+        verb: the verb that was given, for messages.
+        options: its options.
+
+    Raises:
+        ConfigError: an option cannot be meant, a run is not found, or the viewer is not installed.
+    """
+    _check(verb, options)
     from gsfw.viewer.server import bound, check_installed
 
     check_installed()
@@ -93,14 +105,14 @@ def _serve(
             console.say("closed")
 
 
-def _check(options: ViewOptions) -> None:
+def _check(verb: str, options: ViewOptions) -> None:
     """Refuse what cannot be meant, before anything is loaded."""
     options.drawn()
     from gsfw.core.errors import ConfigError
 
     if len(options.runs) > 2:
         raise ConfigError(
-            f"gsfw view: {len(options.runs)} models are given, and a page shows one or two.",
+            f"gsfw {verb}: {len(options.runs)} models are given, and a page shows one or two.",
             "Give two to compare.",
         )
     if not 0 <= options.port <= 65535:

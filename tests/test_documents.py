@@ -7,6 +7,8 @@ from pathlib import Path
 from navigation import SECTIONS, add_tables_of_contents
 from support.links import anchors, is_external, links
 
+from gsfw.core.loop.run_folder import RunFolder
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 
@@ -39,6 +41,18 @@ def test_every_link_within_the_documents_leads_somewhere():
         if not is_external(link) and leads_nowhere(document, link)
     ]
     assert not broken
+
+
+def test_checkpoints_in_the_documents_are_named_as_runs_name_them():
+    named = [
+        (document.name, Path(name).name)
+        for document in DOCUMENTS
+        for name in re.findall(r"checkpoints/step_\d+\.pt", document.read_text(encoding="utf-8"))
+    ]
+    assert named
+    for document, name in named:
+        step = int(name.removeprefix("step_").removesuffix(".pt"))
+        assert name == RunFolder(Path("run")).checkpoint(step).name, document
 
 
 def test_pages_of_the_site_link_to_nothing_outside_of_docs():

@@ -56,6 +56,14 @@ def test_help_lists_every_verb_in_a_line_and_two_examples():
     assert gsfw().stdout == result.stdout
 
 
+def test_help_on_a_verb_is_asked_for_before_it_or_after_it():
+    asked = gsfw("eval", "--help").stdout
+    assert asked.startswith("usage: gsfw eval RUN")
+    assert gsfw("help", "eval").stdout == asked
+    assert gsfw("--help", "eval").stdout == asked
+    assert "Did you mean 'eval'?" in gsfw("help", "evla").stderr
+
+
 def test_the_version_is_that_of_the_package():
     assert gsfw("--version").stdout == "gsfw 0.1.0\n"
 

@@ -18,6 +18,7 @@ def test_help_imports_neither_torch_nor_viser():
     )
     assert result.stdout.splitlines()[-1] == " end".strip()
     assert "Look at a trained model" in result.stdout
+    assert "splat file of any format (gsfw plugins slot=importer)" in result.stdout
 
 
 @pytest.mark.parametrize(

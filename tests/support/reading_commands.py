@@ -15,11 +15,9 @@ from gsfw.commands.interface.arguments import (
 )
 from gsfw.commands.interface.following_training import read_both
 from gsfw.commands.interface.format_options import read_with_format
-from gsfw.commands.interface.runs import LATEST
 from gsfw.commands.tradeoff import training, verb
 from gsfw.commands.tradeoff.model import ModelOptions
 from gsfw.commands.train import read_settings
-from gsfw.commands.view import ViewOptions
 from gsfw.core.errors import ConfigError
 from gsfw.planning.asked import asked_of
 from gsfw.plugins.exporters import format_of, make_exporter
@@ -56,8 +54,6 @@ def read_command(words: Sequence[str]) -> None:
             _read_both(name, tokens)
         case "export" | "convert" | "edit":
             _read_with_format(spec, tokens)
-        case "open":
-            read_options("view", ViewOptions, tokens or [LATEST])
         case _:
             kind = _options(spec)
             if tokens and (other := _options(spec, tokens[0])) is not kind:
