@@ -15,8 +15,8 @@ from gsfw.plugins.initial_splats import refuse_splats
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
 
-USUAL_CHOICE = "the usual one"
-"""Cause of a choice that nothing asks for."""
+USUAL_CHOICE = "the default of gsfw"
+"""Cause of a choice that the method and the user leave open."""
 BUILT_IN_SCENE = "synthetic"
 """The data manager that needs no file."""
 
@@ -49,7 +49,7 @@ def choose_datamanager(data: str, registry: Registry, most: int | None = None) -
         DataError: it is missing, empty, splats, or of no known format; names the expected files.
     """
     if not data:
-        return Choice(BUILT_IN_SCENE, "data is empty")
+        return Choice(BUILT_IN_SCENE, "no data= is given")
     path = local_place(data, most)
     with _readable(path):
         _check_exists(path)
@@ -148,7 +148,9 @@ def choose_device(
         for name, item in able.items()
     }
     least = min(missing, key=lambda name: missing[name])
-    return chosen_device, Choice(least, f"none fits on {kind}; this one lacks least")
+    return chosen_device, Choice(
+        least, f"no rasterizer on {kind} has all that is needed; this lacks least"
+    )
 
 
 def _gpu_or_cpu(on_gpu: list[str], on_cpu: list[str], able: dict[str, Any]) -> Choice:

@@ -10,7 +10,8 @@ def test_every_value_is_shown_with_its_source(capsys):
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines[:3] == ["setting source", "method=3dgs command line", "strategy=mcmc command line"]
     assert "seed=3 command line" in lines
-    assert "datamanager=synthetic chosen automatically: data is empty" in lines
+    assert "datamanager=synthetic chosen automatically: no data= is given" in lines
+    assert "sampler=uniform chosen automatically: the default of gsfw" in lines
     assert "steps=1000 recommended by datamanager synthetic" in lines
     assert "checkpoint_every=167 method default x 0.0333 (steps=1000)" in lines
 

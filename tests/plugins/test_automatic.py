@@ -31,7 +31,7 @@ def data_refusal(path) -> str:
 def test_without_data_the_built_in_scene_is_taken():
     found = settings()
     assert found.choices["datamanager"].name == "synthetic"
-    assert found.sources["datamanager"] == "chosen automatically: data is empty"
+    assert found.sources["datamanager"] == "chosen automatically: no data= is given"
 
 
 def test_the_format_is_recognised_and_the_reason_given(tmp_path):
@@ -220,7 +220,9 @@ def test_where_nothing_fits_the_rasterizer_that_lacks_least_is_named():
     found = settings(device="cuda", rasterizer="auto", antialias="true")
     assert found.choices["rasterizer"].name == "slow"
     found = settings(device="tpu")
-    assert found.sources["rasterizer"].endswith("none fits on tpu; this one lacks least")
+    assert found.sources["rasterizer"].endswith(
+        "no rasterizer on tpu has all that is needed; this lacks least"
+    )
 
 
 def test_a_rasterizer_that_cannot_be_imported_is_unavailable_and_harms_nobody():
