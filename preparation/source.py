@@ -16,7 +16,7 @@ from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.finding import listed
-from gsfw.preparation.foreign_formats import HEIC, HEIC_EXTENSIONS, RAW
+from gsfw.preparation.foreign_formats import BRANDS, BY_EXTENSION, HEIC, HEIC_EXTENSIONS, RAW
 from gsfw.preparation.image_file import (
     KNOWN,
     ImageFile,
@@ -31,6 +31,8 @@ from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
 
 LIVE_CLIP = ".mov"
 """iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
+FOREIGN = {kind.reason: kind.name for kind in (*BY_EXTENSION.values(), *BRANDS.values())}
+"""Names of the formats that are not read, by the reason why files of them are left out."""
 SMALL = 0.25
 """Images whose longer edge is a smaller part of the median one may be thumbnails."""
 
@@ -144,20 +146,34 @@ def _without_shots_in_use(left_out: Sequence[LeftOut], used: Sequence[InputFile]
 def _nothing(
     paths: Sequence[Path], left_out: Sequence[LeftOut], others: Sequence[InputFile]
 ) -> DataError:
-    """The error where nothing can be used; counts files by reason, the most frequent first."""
+    """The error where nothing can be used: what there is instead, the most frequent first."""
     reasons = Counter(item.reason for item in left_out)
+    foreign = [
+        _counted(count, f"{FOREIGN[reason]} file")
+        for reason, count in reasons.most_common()
+        if reason in FOREIGN
+    ]
+    counts = [f"{' and '.join(foreign)}, which it does not read"] if foreign else []
     if others:
-        reasons["they are no images and no videos, by their names and contents"] = len(others)
-    counts = [f"{count} x {reason}" for reason, count in reasons.most_common()]
-    found = f"found {'; '.join(counts)}" if counts else "found no files"
+        verb = "is" if len(others) == 1 else "are"
+        files = _counted(len(others), "file")
+        counts.append(f"{files} that {verb} no image and no video, by name and content")
+    found = [f"gsfw found {'; and '.join(counts)}."] if counts else []
+    for reason in (reason for reason, _ in reasons.most_common() if reason not in FOREIGN):
+        names = tuple(item.name for item in left_out if item.reason == reason)
+        found.append(f"{listed(names)}: {reason}.")
     advice = list(dict.fromkeys(item.advice for item in left_out if item.advice))
     return DataError(
         f"{listed(tuple(str(path) for path in paths))}: there is no image and no video that can "
-        f"be used; {found}.",
+        f"be used. {' '.join(found or ['There are no files.'])}",
         "\n".join(
             advice or [f"Give a folder of {KNOWN} images, or a video ({', '.join(VIDEOS)})."]
         ),
     )
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def notes_on(

@@ -6,6 +6,7 @@ import pytest
 from support.source_photos import HEIC_ADVICE, written
 
 from gsfw.core.errors import DataError
+from gsfw.preparation.foreign_formats import RAW
 from gsfw.preparation.source import read_source
 
 
@@ -26,7 +27,7 @@ def test_a_path_that_is_not_there_is_refused_with_the_nearest(folder):
 
 def test_an_empty_folder_is_refused(tmp_path):
     assert refusal(tmp_path) == (
-        f"{tmp_path}: there is no image and no video that can be used; found no files.\n"
+        f"{tmp_path}: there is no image and no video that can be used. There are no files.\n"
         "Give a folder of PNG, JPEG, WEBP, TIFF or BMP images, or a video (.mp4, .mov, .avi, "
         ".mkv, .webm, .m4v)."
     )
@@ -38,17 +39,29 @@ def test_a_folder_without_anything_usable_says_what_is_in_it(tmp_path):
     written(tmp_path / "x.jpg", b"")
     written(tmp_path / "list.csv", b"1,2")
     assert refusal(tmp_path) == (
-        f"{tmp_path}: there is no image and no video that can be used; found 3 x HEIC files are "
-        "not read; 1 x the file is empty (0 bytes); 1 x they are no images and no videos, by "
-        f"their names and contents.\n{HEIC_ADVICE}\nCopy it again from the camera."
+        f"{tmp_path}: there is no image and no video that can be used. gsfw found 3 HEIC "
+        "files, which it does not read; and 1 file that is no image and no video, by name and "
+        f"content. x.jpg: the file is empty (0 bytes).\n{HEIC_ADVICE}\nCopy it again from the "
+        "camera."
     )
+
+
+def test_formats_that_are_not_read_are_counted_with_their_remedies(tmp_path):
+    written(tmp_path / "a.dng", b"raw")
+    for name in ("b", "c"):
+        written(tmp_path / f"{name}.heic", b"heic")
+    said = refusal(tmp_path)
+    found = "gsfw found 2 HEIC files and 1 camera RAW file, which it does not read."
+    assert said.splitlines()[0].endswith(f"can be used. {found}")
+    assert HEIC_ADVICE in said
+    assert RAW.advice in said
 
 
 def test_a_single_file_that_is_no_image_is_refused(tmp_path):
     path = written(tmp_path / "notes.txt", b"text")
     assert refusal(path) == (
-        f"{path}: there is no image and no video that can be used; found 1 x it is no PNG, "
-        "JPEG, WEBP, TIFF or BMP image, by its content.\nReplace or remove it."
+        f"{path}: there is no image and no video that can be used. notes.txt: it is no "
+        "PNG, JPEG, WEBP, TIFF or BMP image, by its content.\nReplace or remove it."
     )
 
 
