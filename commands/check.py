@@ -218,6 +218,8 @@ def _show(console: Console, document: Mapping[str, Any]) -> None:
         console.say(f"next: {document['next']}")
         steps, minutes = document["next_steps"], document["next_minutes"]
         if steps is None:
-            console.say(f"({minutes:g} minutes; with --dry-run it says what it would do in them)")
+            length = f"{minutes:g} minute{'' if minutes == 1 else 's'}"
+            console.say(f"It trains for {length}. Add --dry-run to see the plan first.")
         else:
-            console.say(f"({steps:,} steps; with --dry-run it measures how long they take here)")
+            length = f"{steps:,} steps"
+            console.say(f"It trains for {length}. Add --dry-run to see how long they take here.")

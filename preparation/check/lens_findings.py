@@ -57,8 +57,9 @@ def _fields_of_view(survey: Survey) -> Iterator[Finding]:
         yield Finding(
             "field of view",
             Weight.LIMIT,
-            f"{len(odd)} of {len(viewpoints)} images are {angles[odd].min():.0f} to "
-            f"{angles[odd].max():.0f} degrees wide: {listed(names)}.",
+            f"{len(odd)} of {len(viewpoints)} images have a field of view of "
+            f"{angles[odd].min():.0f} to {angles[odd].max():.0f} degrees across the width: "
+            f"{listed(names)}.",
             "Hardly any camera has that; the focal length may be wrong, and then nothing fits.",
             "Compare it with the camera's, and with the size of the images it was given for.",
             names,

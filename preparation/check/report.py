@@ -167,7 +167,7 @@ def table_rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         ("sizes", "; ".join(document["image_sizes"])),
         ("cameras", f"{document['cameras']}; {'; '.join(document['camera_models'])}"),
-        ("field of view", f"{_numbers(document['field_of_view'])} degrees"),
+        ("field of view", f"{_numbers(document['field_of_view'])} degrees across the width"),
         ("points", _points(document)),
     ]
     if document["neighbor_angle"] is not None:

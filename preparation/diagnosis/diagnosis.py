@@ -150,5 +150,6 @@ def _camera(camera: CameraFigures) -> str:
     images = f"{camera.images} image{'' if camera.images == 1 else 's'}"
     return (
         f"Camera {camera.number} ({camera.model}, {images}) has a focal length of "
-        f"{camera.focal:.0f} pixels, {camera.view_degrees:.0f} degrees across{guess}."
+        f"{camera.focal:.0f} pixels, a field of view of {camera.view_degrees:.1f} degrees across "
+        f"the width{guess}."
     )

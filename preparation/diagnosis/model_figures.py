@@ -47,7 +47,7 @@ class CameraFigures:
     focal_origin: str
     """Source of the focal length: "EXIF", "given", or "" for a usual one."""
     view_degrees: float
-    """Angle of view along the longer side, by the focal length alone."""
+    """Field of view across the width, as of ``gsfw check``; by the focal length alone."""
     principal_point: tuple[float, float]
     """Pixels."""
     distortion: dict[str, float]
@@ -217,8 +217,7 @@ def _cameras(model: Reconstruction, groups: Sequence[CameraGroup]) -> tuple[Came
 def _camera(camera: Camera, images: int, assumed: CameraGroup | None) -> CameraFigures:
     names = [name.strip() for name in camera.params_info.split(",")]
     extra = camera.extra_params_idxs()
-    longer = max(camera.width, camera.height)
-    half = longer / 2 / camera.mean_focal_length()
+    half = camera.width / 2 / camera.mean_focal_length()
     # An equidistant fisheye's angle grows with the radius; a pinhole's tangent does.
     angle = half if "FISHEYE" in camera.model.name else np.arctan(half)
     return CameraFigures(

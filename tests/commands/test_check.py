@@ -83,9 +83,10 @@ def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeyp
     out = capsys.readouterr().out
     assert "21 to train on, 3 held out, from 24 places" in out
     assert "5 of 24 images were decoded, evenly spread" in out
+    assert re.search(r"\nfield of view +[\d.]+ degrees across the width *\n", out)
     assert "verdict: good: nothing was found that speaks against it\n" in out
     assert "cameras, points and images: check.png" in out
-    assert out.endswith("(5 minutes; with --dry-run it says what it would do in them)\n")
+    assert out.endswith("It trains for 5 minutes. Add --dry-run to see the plan first.\n")
     assert (tmp_path / "check.png").is_file()
 
 

@@ -17,7 +17,7 @@ from gsfw.core.maths.camera_path import look_at
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.camera_grouping import CameraGroup, CameraRule, group_cameras
 from gsfw.preparation.diagnosis.camera_findings import camera_findings
-from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose
+from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose, words_of
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
@@ -262,6 +262,11 @@ def figures(**changes: object) -> ModelFigures:
         stretch=Stretch(0.1, 1.0, 1000),
     )
     return replace(usual, **changes)
+
+
+def test_the_field_of_view_names_its_side() -> None:
+    (sentence,) = (text for text in words_of(figures(), 50) if text.startswith("Camera 1 "))
+    assert "900 pixels, a field of view of 58.0 degrees across the width; EXIF says" in sentence
 
 
 def found_in(model: ModelFigures) -> list[Finding]:

@@ -166,6 +166,13 @@ def test_cameras_are_compared_with_what_was_assumed() -> None:
     assert (unknown.first_focal, unknown.focal_origin, unknown.focal_ratio) == (None, "", None)
 
 
+def test_the_field_of_view_of_an_upright_camera_is_across_its_width() -> None:
+    model = reconstruction(ROW, [((1, 0, 10), (1, 2, 3))])
+    model.camera(1).width, model.camera(1).height = HEIGHT, WIDTH
+    (camera,) = ModelFigures.of(model).cameras
+    assert camera.view_degrees == pytest.approx(math.degrees(2 * math.atan(0.6)))
+
+
 @pytest.mark.parametrize("centers", [[], [(0.0, 0.0, 0.0)], ROW])
 def test_a_model_without_points_has_figures_all_the_same(
     centers: list[tuple[float, float, float]],
