@@ -66,7 +66,7 @@ def _number(survey: Survey) -> Iterator[Finding]:
             "few views",
             Weight.STOP,
             f"{what}.",
-            "Any shape along the cameras' rays explains so few images.",
+            "So few images fit almost any shape.",
             f"{advice}; or hold out fewer (holdout_every=0).",
         )
     elif enough < FEW_VIEWS:
@@ -143,7 +143,7 @@ def _neighbors(survey: Survey) -> Iterator[Finding]:
             Weight.LIMIT,
             f"{len(alone)} of {len(nearest)} places share less than a fifth of what they see with "
             f"any other: {listed(names)}.",
-            "What only one image shows is painted at any depth.",
+            "The depth of what only one image shows cannot be measured.",
             "Add images between them and the others, or leave them out.",
             names,
         )
@@ -195,8 +195,8 @@ def _open_side(survey: Survey) -> Iterator[Finding]:
             "open side",
             Weight.NOTE,
             f"There is no camera in {widest:.0f} of the 360 degrees around what cameras look at.",
-            "From there the result shows what no image shows.",
-            "If it shall be looked at from there, take photos there.",
+            "No image shows the surfaces that can be seen from there, so the model guesses them.",
+            "Take photos there if you want to look from there.",
         )
 
 

@@ -88,8 +88,9 @@ def _blank(
         kind,
         Weight.STOP if 2 * len(blank) > total else Weight.LIMIT,
         f"{len(blank)} of {total} images are {what}: {listed(names)}.",
-        f"They teach that {learnt}.",
-        f"Remove them; if alpha or masks made them {made}, check which side is which.",
+        f"Training learns from them that {learnt}.",
+        f"Remove them; if alpha or masks made them {made}, check that these are bright where "
+        "pixels count.",
         names,
     )
 
@@ -118,8 +119,8 @@ def _clipped(survey: Survey) -> Iterator[Finding]:
             Weight.LIMIT,
             f"{len(clipped)} of {len(images)} images are pure white or black in up to "
             f"{100 * clipped[0].quality.clipped:.0f} % of what counts: {listed(names)}.",
-            "Nothing is left there that depth could be found from.",
-            "Expose for the bright parts; mask what is plain, or name it as background=.",
+            "Such areas have no texture, so their depth cannot be found.",
+            "Expose for the bright parts; mask a plain background, or give background=COLOUR.",
             names,
         )
 
@@ -151,7 +152,7 @@ def _uneven(survey: Survey) -> Iterator[Finding]:
             "uneven exposure",
             Weight.LIMIT,
             f"Images are {gains.min():.2f} to {gains.max():.2f} times as bright as usual {how}.",
-            "Differences become fog in front of the cameras.",
+            "Training explains the differences by fog in front of the cameras.",
             "Train with exposure=true; next time fix exposure and white balance.",
             names,
         )
@@ -166,7 +167,7 @@ def _drifting(survey: Survey) -> Iterator[Finding]:
             Weight.NOTE,
             f"A point's colours differ by {before:.1f} grey levels, and by {after:.1f} once each "
             "image has its own gains and offsets.",
-            "Without these, spherical harmonics learn the exposure of each side as if it shone.",
+            "Without these, the model takes changes of exposure for reflections.",
             "exposure=true gives images their own (held-out ones are rendered without, and measure "
             "lower); next time fix exposure and white balance.",
         )
@@ -219,7 +220,7 @@ def _masked(survey: Survey) -> Iterator[Finding]:
             Weight.STOP if len(hidden) == len(images) else Weight.LIMIT,
             f"Masks or alpha leave nothing of {len(hidden)} of {len(images)} images: "
             f"{listed(names)}.",
-            "They teach nothing, or that nothing is there.",
+            "Training learns nothing from them, or that nothing is there.",
             "Check the masks; if they are dark where pixels count, datamanager.invert_masks=true.",
             names,
         )
