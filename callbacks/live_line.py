@@ -40,6 +40,16 @@ class Figures:
     skipped: int = 0
     memory_mb: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def is_small(self) -> bool:
+        """True while training images are smaller than held-out ones."""
+        return self.resolution < 1
+
+    @property
+    def size(self) -> str:
+        """Width of training images over their full width: "1/2.8"."""
+        return f"1/{1 / self.resolution:.2g}"
+
     def parts(self, is_short: bool) -> list[tuple[int, str]]:
         """The words of the line, left to right, each with its rank: high ones are left out first.
 
@@ -55,10 +65,12 @@ class Figures:
             found.append((8, f"loss {self.loss:.4f}"))
             found.append((4, f"{_count(self.gaussians, is_short)} Gaussians"))
             found.append((7, f"{self.steps_per_second:.1f} steps/s"))
-        if self.held_out_psnr is not None:
+        # Held-out images have their full size: while training images are small, their figures
+        # would read as if the model fitted training views alone.
+        if self.held_out_psnr is not None and not self.is_small:
             found.insert(-3, (9, f"held out {self.held_out_psnr:.1f} dB"))
-        if self.resolution < 1:
-            found.append((5, f"at 1/{1 / self.resolution:.2g} size"))
+        if self.is_small:
+            found.append((5, f"at {self.size} size"))
         if self.skipped:
             found.append((2, f"{self.skipped} skipped"))
         if self.memory_mb:

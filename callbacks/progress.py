@@ -147,8 +147,10 @@ class Progress(Callback):
         if step == self._run.steps:
             return
         means = ", ".join(_figure(name, value) for name, value in evaluation.means.items())
+        figures = self._figures
+        small = f" (training images have {figures.size} of their size)" * figures.is_small
         self._say(
-            f"step {step}: {means} on {evaluation.count} held-out views"
+            f"step {step}: {means} on {evaluation.count} held-out views{small}"
             if means
             else f"step {step}: no held-out views to evaluate"
         )

@@ -1,6 +1,7 @@
 """The live line fits any width, and leaves out what matters least."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -62,9 +63,16 @@ def test_bar_time_left_and_memory_are_always_there(width):
 def test_a_wide_line_has_everything_in_full():
     line = fitted(long_run(), 300)
     assert line == (
-        " 41%  12345/30000  1:02:05 left  PSNR 28.5 dB  held out 27.9 dB  loss 0.0217  "
-        "1,234,567 Gaussians  27.3 steps/s  at 1/2 size  3 skipped  RAM 4.1 GB  GPU 12.4 GB"
+        " 41%  12345/30000  1:02:05 left  PSNR 28.5 dB  loss 0.0217  1,234,567 Gaussians  "
+        "27.3 steps/s  at 1/2 size  3 skipped  RAM 4.1 GB  GPU 12.4 GB"
     )
+
+
+def test_held_out_psnr_is_there_once_training_images_have_its_size():
+    figures = long_run()
+    assert "held out" not in fitted(figures, 300)
+    figures.resolution = 1.0
+    assert "PSNR 28.5 dB  held out 27.9 dB  loss" in fitted(figures, 300)
 
 
 def test_a_line_of_80_columns_rounds_and_leaves_out():
@@ -128,6 +136,21 @@ def test_on_a_terminal_the_line_is_removed_at_the_end_and_evaluations_stay(termi
     assert "3/8" in said
     assert "step 20: PSNR 30.00 dB, SSIM 0.9123 on 1 held-out views\n" in said
     assert said.endswith("\x1b[2K"), "the line is erased"
+
+
+def test_evaluations_say_how_much_smaller_training_images_are(terminal, tmp_path):
+    progress, control = Progress(8.0), Control()
+    progress.on_start(run_info(tmp_path, steps=40), control)
+    evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0})
+    for step, resolution in ((10, 0.36), (20, 1.0)):
+        progress.on_step(replace(report_of(step), resolution=resolution), control)
+        progress.on_evaluation(step, evaluation, control)
+    progress.close()
+    lines = terminal.getvalue().splitlines()
+    (small,) = (line for line in lines if "step 10: " in line)
+    (full,) = (line for line in lines if "step 20: " in line)
+    assert "held-out views (training images have 1/2.8 of" in small
+    assert "training images" not in full
 
 
 def test_steps_between_reports_advance_the_bar(terminal, tmp_path):
