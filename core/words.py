@@ -34,6 +34,13 @@ def size(count: int | float) -> str:
     return f"{count:.0f} bytes"
 
 
+def rough_size(count: int | float) -> str:
+    """An estimated number of bytes: "74 MB", "3.5 GB", "25 GB"."""
+    unit, name = (1e9, "GB") if count >= 0.9995e9 else (1e6, "MB")
+    amount = count / unit
+    return f"{amount:.1f} {name}" if unit == 1e9 and amount < 9.95 else f"{amount:.0f} {name}"
+
+
 def _parts(seconds: int | float) -> tuple[int, int, int]:
     """Whole hours, minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gsfw.core.datamanager import Split
-from gsfw.core.words import duration
+from gsfw.core.words import duration, rough_size
 from gsfw.planning.costs import disk_mb, expected_gaussians, memory_mb
 from gsfw.planning.plan import Plan
 
@@ -25,7 +25,7 @@ def announcement(plan: Plan) -> str:
     return (
         f"ends in {duration(60 * plan.asked.minutes)}{goal}{usual}: about {config.steps:,} steps, "
         f"{step:.0f} ms each now; {size}\n"
-        f"needs about {memory / 1e3:.1f} GB of memory and {disk:.0f} MB of disk"
+        f"needs about {memory / 1e3:.1f} GB of memory and {rough_size(1e6 * disk)} of disk"
     )
 
 

@@ -18,7 +18,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.progress import stage
 from gsfw.core.scene import Scene
-from gsfw.core.words import duration
+from gsfw.core.words import duration, rough_size
 from gsfw.planning.costs import disk_mb, expected_gaussians, memory_mb, most_that_fit
 from gsfw.planning.trial import Trial, seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
@@ -51,7 +51,7 @@ class Expectation:
         gpu = "" if self.gpu_memory_mb is None else f" and {self.gpu_memory_mb / 1e3:.1f} GB of GPU"
         return (
             f"expected on this machine: {duration(self.seconds)}, {self.memory_mb / 1e3:.1f} GB of "
-            f"memory{gpu}, {self.disk_mb:.0f} MB of disk, if the model grows to "
+            f"memory{gpu}, {rough_size(1e6 * self.disk_mb)} of disk, if the model grows to "
             f"{self.gaussians:,} Gaussians ({1e3 * self.step_seconds:.0f} ms a step now, "
             f"{1e3 * self.last_step_seconds:.0f} ms then)"
         )

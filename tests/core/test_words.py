@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.core.words import clock, duration, rough_duration, size
+from gsfw.core.words import clock, duration, rough_duration, rough_size, size
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,6 +28,12 @@ def test_durations_have_their_two_largest_units():
 def test_estimates_have_one_unit():
     assert [rough_duration(s) for s in (0.1, 73, 89, 90, 725, 5400, 12_600)] == [
         "1 s", "73 s", "89 s", "2 min", "12 min", "1.5 h", "3.5 h",
+    ]  # fmt: skip
+
+
+def test_estimated_sizes_have_one_or_two_digits_of_gigabytes():
+    assert [rough_size(n) for n in (0.2e6, 74.3e6, 999.6e6, 3.46e9, 9.96e9, 25_251e6)] == [
+        "0 MB", "74 MB", "1.0 GB", "3.5 GB", "10 GB", "25 GB",
     ]  # fmt: skip
 
 
