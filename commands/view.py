@@ -136,8 +136,11 @@ def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedM
     given = {key: value for key in ("data", "device") if (value := getattr(options, key))}
     changed = Layer(COMMAND_LINE, given) if given else None
     restored = restore_run(found, installed(), changed, detail=options.drawn())
-    warn_of_file(found, restored.composition, console)
-    return of_restored(found.name, restored, has_cameras=found.splat_file is None)
+    composition = restored.composition
+    warn_of_file(found, composition, console)
+    is_run = found.model_file is None and found.splat_file is None
+    subject = f"{composition.settings.method.name} on {composition.scene.name}" if is_run else ""
+    return of_restored(found.name, restored, found.splat_file is None, subject)
 
 
 def _announce(server: ViewerServer, console: Console) -> None:

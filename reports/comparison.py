@@ -121,7 +121,22 @@ def _pictures(run: ComparedRun, rule: DrawingRule, views: Sequence[str]) -> Pict
 
 
 def labels(records: Sequence[RunRecord]) -> list[str]:
-    """Shortest different names: the ends of the runs' paths that set them apart."""
+    """Different names of runs, such as "fox/3dgs/first".
+
+    Scene and method where these differ, then the end of the path that sets a run apart.
+    """
+    facts = ([record.scene for record in records], [record.method for record in records])
+    differing = [values for values in facts if len(set(values)) > 1]
+    names = []
+    for place, end in enumerate(_ends(records)):
+        about = [values[place] for values in differing]
+        # Below the folder runs, the end of a path may have them already.
+        names.append(end if set(about) <= set(end.split("/")) else "/".join([*about, end]))
+    return names
+
+
+def _ends(records: Sequence[RunRecord]) -> list[str]:
+    """The shortest ends of the runs' paths that are all different."""
     parts = [record.path.resolve().parts for record in records]
     longest = max(len(path) for path in parts)
     for length in range(1, longest + 1):

@@ -7,13 +7,16 @@ from gsfw.plugins.run_source import is_dynamic
 from gsfw.viewer.viewed_model import ViewedModel
 
 
-def of_restored(name: str, restored: Restored, has_cameras: bool = True) -> ViewedModel:
+def of_restored(
+    name: str, restored: Restored, has_cameras: bool = True, subject: str = ""
+) -> ViewedModel:
     """The model of an opened run, or of a file.
 
     Args:
         name: of the run or file, for the page.
         restored: as ``open_run`` returns it.
         has_cameras: false if nobody stood at the cameras of the data, as for a splat file.
+        subject: method and scene of a run; empty for a file.
     """
     composition = restored.composition
     parts = composition.parts
@@ -27,4 +30,5 @@ def of_restored(name: str, restored: Restored, has_cameras: bool = True) -> View
         data=parts.data,
         is_dynamic=is_dynamic(composition),
         has_cameras=has_cameras,
+        subject=subject,
     )

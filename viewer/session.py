@@ -52,7 +52,13 @@ class Session:
 
     @property
     def names(self) -> list[str]:
-        """Names of the models: those of their files or folders, where that tells them apart."""
+        """Names of the models, such as "3dgs on fox", where these are all different.
+
+        Else those of their files or folders, or the whole paths.
+        """
+        subjects = [model.subject for model in self.models]
+        if all(subjects) and len(set(subjects)) == len(subjects):
+            return subjects
         short = [PurePath(model.name).name or model.name for model in self.models]
         return short if len(set(short)) == len(short) else [model.name for model in self.models]
 

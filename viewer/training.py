@@ -71,6 +71,7 @@ class TrainingViewer(Callback):
             scene=run.data.scene,
             device=background.device,
             data=run.data,
+            subject=f"{run.method} on {run.scene}",
             is_dynamic=run.data.scene.is_dynamic and "static" not in tags,
         )
         server = self._server = ViewerServer(bound(self._port, PORT_KEY))

@@ -38,6 +38,8 @@ class ViewedModel:
     """True if the model changes with time."""
     has_cameras: bool = True
     """False if nobody stood at the cameras of the data: they are only to look from."""
+    subject: str = ""
+    """Method and scene of a run, such as "3dgs on fox"; empty for a file."""
 
     def captured(self) -> list[CapturedView]:
         """All views of the capture, those to train on first."""

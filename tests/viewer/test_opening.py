@@ -99,6 +99,18 @@ def test_an_export_holds_what_the_page_shows(run, tmp_path):
     assert len(opened(path).model.splats()) == count
 
 
+def test_models_are_called_by_method_and_scene_where_these_tell_them_apart(run, tmp_path):
+    def names(*subjects: str) -> list[str]:
+        models = (replace(run, name=f"runs/{place}", subject=subject)
+                  for place, subject in enumerate(subjects))  # fmt: skip
+        return Session(tuple(models), tmp_path, "run").names
+
+    assert names("3dgs on fox") == ["3dgs on fox"]
+    assert names("3dgs on fox", "4dgs on fox") == ["3dgs on fox", "4dgs on fox"]
+    assert names("3dgs on fox", "3dgs on fox") == ["0", "1"]
+    assert names("3dgs on fox", "") == ["0", "1"], "the second is a file"
+
+
 def test_no_file_of_a_page_replaces_another(run, tmp_path):
     session = Session((run,), tmp_path, "run")
     first = session.free_path("films", "my film/../x", ".mp4", ".webp")
