@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from gsfw.plugins.restore import Restored
 
 
+KINDS = {"eval": "held-out", "train": "training"}
+"""The kinds of views of a split, in words."""
 WORST = 5
 """Images that are named as the worst, of more than these."""
 
@@ -48,7 +50,7 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, restore_run
-    from gsfw.commands.interface.summary import Row, next_rows, summary_text
+    from gsfw.commands.interface.summary import Row, compared_views, next_rows, summary_text
     from gsfw.core.datamanager import Split
     from gsfw.core.errors import DataError
     from gsfw.plugins.registry import installed
@@ -75,8 +77,9 @@ def run(arguments: list[str]) -> int:
     suffix = ("" if split is Split.EVAL else f"_{options.split}") + detail.suffix
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
     files = _written(found.folder, path, document, evaluation)
-    _show_views(console, evaluation, f"{found.name}, step {restored.step}, {options.split} views")
-    rows = _rows(evaluation, split)
+    views = compared_views(evaluation.count, KINDS[options.split], document["protocol"])
+    _show_views(console, evaluation, f"{found.name}, step {restored.step}: {views}")
+    rows = _rows(evaluation, views)
     rows.append(Row("files", ", ".join(map(str, files))))
     rows += next_rows(found.name, ("view", "report", "render"))
     console.say("\n" + summary_text(f"{found.name} after {restored.step} steps", rows))
@@ -143,17 +146,15 @@ def _views(evaluation: Evaluation) -> list[tuple[str, Mapping[str, float]]]:
     return sorted(views, key=lambda view: natural(view[0]))
 
 
-def _rows(evaluation: Evaluation, split: Split) -> list[Row]:
-    """The figures of all images together, and the worst images."""
+def _rows(evaluation: Evaluation, views: str) -> list[Row]:
+    """The figures of all images together, and the worst images; ``views``: the images in words."""
     from gsfw.commands.interface.summary import Row, quality_rows
-    from gsfw.core.datamanager import Split
 
-    kind = "held-out views" if split is Split.EVAL else "training views"
-    rows = quality_rows(evaluation.means, evaluation.baselines, f"{evaluation.count} {kind}")
+    rows = quality_rows(evaluation.means, evaluation.baselines, views)
     rows += [Row("", "", f"{name}: {note}") for name, note in evaluation.notes.items()]
-    views = _views(evaluation)
-    if len(views) > WORST:
-        known = sorted((figures["psnr"], view) for view, figures in views if "psnr" in figures)
+    each = _views(evaluation)
+    if len(each) > WORST:
+        known = sorted((figures["psnr"], view) for view, figures in each if "psnr" in figures)
         texts = [f"{view} {value:.2f}" for value, view in known[:WORST]]
         rows += (
             [Row("worst", f"{known[0][0]:.2f} dB", f"PSNR: {', '.join(texts)}")] if known else []

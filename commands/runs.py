@@ -95,7 +95,7 @@ def _list(options: RunsOptions, console: Console) -> int:
         scenes, methods = (
             {getattr(record, key) for record in records} for key in ("scene", "method")
         )
-        console.say(f"none of the {len(records)} runs is such a one.")
+        console.say(f"No run matches {_filter_text(options)} ({_runs(len(records))} in all).")
         console.say(f"Scenes: {', '.join(sorted(scenes))}. Methods: {', '.join(sorted(methods))}.")
     else:
         console.say(_table(chosen))
@@ -114,6 +114,16 @@ def _filter(options: RunsOptions) -> Callable[[RunRecord], bool]:
         )
 
     return is_wanted
+
+
+def _filter_text(options: RunsOptions) -> str:
+    """The filter as it is written on the command line."""
+    given = {"state": options.state, "scene": options.scene, "method": options.method}
+    return " ".join(f"{key}={value}" for key, value in given.items() if value not in ("", "all"))
+
+
+def _runs(count: int) -> str:
+    return "1 run" if count == 1 else f"{count:,} runs"
 
 
 def _order(sort: str) -> Callable[[RunRecord], Any]:
@@ -201,7 +211,7 @@ def _given(options: RunsOptions, least: int, console: Console) -> list[Any]:
 
 
 def _compare(options: RunsOptions, console: Console) -> int:
-    from gsfw.reports.plain_text import setting_text
+    from gsfw.reports.plain_text import image_sizes, setting_text
     from gsfw.reports.run_comparison import RunComparison
     from gsfw.reports.run_reader import read_run
 
@@ -215,6 +225,8 @@ def _compare(options: RunsOptions, console: Console) -> int:
             console.warn(f"{record.path}: {problem}")
     console.say()
     rows = [["state", *(f"{record.state.value}, {record.steps_done} steps" for record in records)]]
+    if any(sizes := [image_sizes(record.protocol) for record in records]):
+        rows.append(["images", *(size or "-" for size in sizes)])
     for figure, values in comparison.figures.items():
         rows.append([figure.name, *("-" if v is None else figure.text(v) for v in values)])
     console.table(["figure", *letters], rows)

@@ -120,7 +120,8 @@ def _started(scene: Scene, found: SurfacePoints, most: int) -> DenseStart:
     changed = replace(
         scene, points=kept.points, point_colors=kept.colors.clamp(0.0, 1.0), point_times=None
     )
-    shown = f"{len(kept):,} of {len(found):,} surface points found in the images"
+    share = "all " if len(kept) == len(found) else f"{len(kept):,} of "
+    shown = f"{share}{len(found):,} surface points found in the images"
     return DenseStart(changed, (f"Starting from {shown} (init=dense).",))
 
 

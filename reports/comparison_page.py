@@ -24,7 +24,7 @@ from gsfw.reports.markup import (
 from gsfw.reports.page import write_page
 from gsfw.reports.page_limit import within_limit
 from gsfw.reports.pictures import Pictures, ViewPicture
-from gsfw.reports.plain_text import setting_text
+from gsfw.reports.plain_text import image_sizes, setting_text
 from gsfw.reports.run_comparison import QUALITY, RunComparison
 from gsfw.reports.run_page import state, state_notes
 from gsfw.reports.run_record import RunRecord, number
@@ -143,8 +143,12 @@ def _table(comparison: RunComparison, names: Sequence[str]) -> Markup:
             text = "-" if value is None else figure.text(value)
             cells.append(element("td", text, {"class": "best" if is_best else None}))
         rows.append(element("tr", cells))
-    steps = [element("td", f"{record.steps_done:,}") for record in comparison.records]
-    rows.append(element("tr", [element("td", "steps"), *steps]))
+    facts = {
+        "steps": [f"{record.steps_done:,}" for record in comparison.records],
+        "images": [image_sizes(record.protocol) or "-" for record in comparison.records],
+    }
+    for name, texts in facts.items():
+        rows.append(element("tr", [element("td", text) for text in (name, *texts)]))
     head = [
         element("th", [name, element("br"), state(record)], {"scope": "col"})
         for name, record in zip(names, comparison.records, strict=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from gsfw.core.loop.baselines import NAMES
 from gsfw.core.words import duration, size
 from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, note, span
-from gsfw.reports.plain_text import metric_name, metric_text, plain
+from gsfw.reports.plain_text import image_sizes, metric_name, metric_text, plain
 from gsfw.reports.run_record import RunRecord
 
 OWN_TILES = ("psnr", "ssim", "moving_psnr")
@@ -28,7 +28,9 @@ def headline(record: RunRecord) -> str:
             side = "more" if psnr >= level else "less"
             above = f", {abs(psnr - level):.1f} dB {side} than an image of one colour"
         held_out = "1 held-out view" if views == 1 else f"{views or ''} held-out views".lstrip()
-        parts.append(f"PSNR {psnr:.2f} dB on {held_out}{above}.")
+        sizes = image_sizes(record.protocol)
+        of = f" of {sizes}" if sizes else ""
+        parts.append(f"PSNR {psnr:.2f} dB on {held_out}{of}{above}.")
     elif (trained := record.figure("training_psnr")) is not None:
         parts.append(f"PSNR {trained:.2f} dB on training views; none is held out.")
     count = record.figure("num_gaussians")
@@ -45,6 +47,7 @@ def tiles(record: RunRecord) -> Markup:
 
 
 def _quality(record: RunRecord) -> list[Markup]:
+    sizes = image_sizes(record.protocol)
     levels = [
         f"{name} {value:.2f}"
         for key, name in NAMES.items()
@@ -53,9 +56,11 @@ def _quality(record: RunRecord) -> list[Markup]:
     moving = record.baseline("constant_moving_psnr")
     trained = "of some training views"
     step = record.evaluated_step
-    early = f"after step {step:,}" if step is not None and not record.is_finished else ""
+    if step is not None and not record.is_finished:
+        levels = [f"after step {step:,}"]
+    remarks = [sizes, *levels] if sizes else levels
     return [
-        _tile("PSNR", record.figure("psnr"), "dB", early or "; ".join(levels)),
+        _tile("PSNR", record.figure("psnr"), "dB", "; ".join(remarks)),
         _tile("SSIM", record.figure("ssim"), "", "1: like the photos", 4),
         _tile(
             "PSNR of what moves",

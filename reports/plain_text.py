@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from gsfw.plugins.values import as_text
 from gsfw.reports.run_record import number
@@ -22,6 +23,30 @@ def plain(value: object) -> str:
     if found is not None:
         return f"{value:,}" if isinstance(value, int) else f"{found:.6g}"
     return "-" if value is None or value == "" else str(value)
+
+
+def image_sizes(protocol: Mapping[str, Any]) -> str:
+    """The sizes of compared images: "239 x 427 pixels (1/3 of their size)"; empty if unknown.
+
+    Args:
+        protocol: the measurement protocol of the figures.
+    """
+    found = protocol.get("image_sizes")
+    known = found if isinstance(found, list | tuple) else []
+    sizes = [size for size in known if isinstance(size, list | tuple) and len(size) == 2]
+    if not sizes:
+        return ""
+    sizes = sorted(sizes, key=lambda size: (number(size[0]) or 0.0) * (number(size[1]) or 0.0))
+    least, most = plain(sizes[0]), plain(sizes[-1])
+    between = "to" if len(sizes) > 2 else "or"
+    text = f"{least if len(sizes) == 1 else f'{least} {between} {most}'} pixels"
+    downscale = number(protocol.get("downscale")) or 1.0
+    return text if downscale <= 1 else f"{text} (1/{downscale:.3g} of their size)"
+
+
+def growth(strategy: str) -> str:
+    """A strategy as a phrase: "strategy error" alone would read like a failure."""
+    return "no growth" if strategy == "none" else f"growth by {strategy}"
 
 
 def setting_text(value: object) -> str:

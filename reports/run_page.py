@@ -12,6 +12,7 @@ from gsfw.reports.markup import NOTHING, Markup, aspect, div, element, span, web
 from gsfw.reports.page import write_page
 from gsfw.reports.page_limit import within_limit
 from gsfw.reports.pictures import Pictures
+from gsfw.reports.plain_text import growth
 from gsfw.reports.provenance import environment_section, messages_section, settings_section
 from gsfw.reports.requirements import requirements_section
 from gsfw.reports.run_record import RunRecord
@@ -59,7 +60,8 @@ def _body(record: RunRecord, pictures: Pictures | None, said: list[str]) -> list
 def _header(record: RunRecord) -> Markup:
     settings = record.settings
     parts = [f"method {record.method}"]
-    parts += [f"{key} {settings[key]}" for key in ("strategy", "rasterizer") if settings.get(key)]
+    parts += [growth(str(settings["strategy"]))] if settings.get("strategy") else []
+    parts += [f"rasterizer {settings['rasterizer']}"] if settings.get("rasterizer") else []
     device = record.environment.get("device") or settings.get("device")
     parts += [f"device {device}"] if device else []
     parts += [f"{record.steps_done:,} steps"] if record.steps_done else []

@@ -30,7 +30,7 @@ def about_motion(
         content = source.splat_file()
         count = len(without_invisible(content)[0].splats)
         document = {"num_gaussians": count, "num_dropped": content.num_dropped}
-        return f"{count:,} splats at rest", document, list(content.notes())
+        return f"{count:,} static splats", document, list(content.notes())
     (fit,) = source.fits.values()
     near, pieces = None, len(fit.file.content.splats)
     if compare:

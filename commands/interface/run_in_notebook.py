@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from gsfw.commands.interface.summary import Row, quality_rows, run_rows
+from gsfw.commands.interface.summary import Row, compared_views, quality_rows, run_rows
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.embedded_image import image_element
 from gsfw.core.errors import UserError
@@ -40,8 +40,8 @@ def _figures(record: RunRecord) -> list[Row]:
     if record.is_finished:
         return run_rows(record.summary, record.metrics)
     means = {name: float(record.evaluation[name]) for name in record.metrics}
-    count = len(record.per_view)
-    return quality_rows(means, record.evaluation.get("baselines", {}), f"{count} held-out views")
+    views = compared_views(str(len(record.per_view)), "held-out", record.protocol)
+    return quality_rows(means, record.evaluation.get("baselines", {}), views)
 
 
 def _views(opened: Callable[[], Composition]) -> list[Markup]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from gsfw.commands.interface.console import WIDTH_OF_FILES
 from gsfw.core.words import duration, size
 from gsfw.plugins.registry import installed
+from gsfw.reports.plain_text import image_sizes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,7 +45,7 @@ def quality_rows(means: Mapping[str, float], baselines: Mapping[str, Any], views
     Args:
         means: metrics by name; empty without views.
         baselines: PSNR of images that need no model, by name.
-        views: the compared views, in words: "8 held-out views".
+        views: the compared views, in words, as ``compared_views`` gives them.
     """
     if not means:
         return [Row("PSNR", "-", "there are no held-out views to measure it on")]
@@ -84,13 +85,14 @@ def run_rows(
         invisible: Gaussians that splats.ply leaves out.
     """
     means = {name: summary[name] for name in (*FIRST_METRICS, *metrics) if name in summary}
-    rows = quality_rows(means, summary.get("baselines", {}), _held_out(summary["views"]))
+    views = compared_views(str(summary["views"]), "held-out", summary.get("protocol", {}))
+    rows = quality_rows(means, summary.get("baselines", {}), views)
     remark = f"{invisible:,} are too faint to be seen, and not in splats.ply" if invisible else ""
     rows.append(Row("Gaussians", f"{summary['num_gaussians']:,}", remark))
     skipped = summary.get("skipped_steps", 0)
     steps = f"{summary['steps']:,} steps"
-    if "updates" in summary:
-        steps += f" in {summary['updates']:,} updates"
+    if "updates" in summary:  # To end in time, a planned run takes several steps with an update.
+        steps = f"{summary['updates']:,} updates, which count as {steps} of the schedule"
     remark = f"{steps}, without loading and measuring"
     remark += f"; {skipped} steps were not finite, and skipped" if skipped else ""
     rows.append(Row("training", duration(summary["train_seconds"]), remark))
@@ -111,8 +113,17 @@ def run_rows(
     return rows
 
 
-def _held_out(views: int) -> str:
-    return f"{views} held-out view{'' if views == 1 else 's'}"
+def compared_views(count: str, kind: str, protocol: Mapping[str, Any]) -> str:
+    """The compared views in words: "7 held-out views of 239 x 427 pixels".
+
+    Args:
+        count: their number, of all where they are a sample: "30 of 200".
+        kind: "held-out" or "training".
+        protocol: the measurement protocol of the figures; empty if unknown.
+    """
+    sizes = image_sizes(protocol)
+    views = f"{count} {kind} view{'' if count == '1' else 's'}"
+    return f"{views} of {sizes}" if sizes else views
 
 
 def file_rows(folder: RunFolder, others: Iterable[Path] = ()) -> list[Row]:

@@ -25,6 +25,7 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
 from gsfw.plugins.snapshot import snapshot
+from gsfw.reports.plain_text import growth
 from gsfw.reports.run_report import report_training
 from gsfw.studies.requirements.report import RequirementsReport
 
@@ -46,7 +47,7 @@ def describe(composition: Composition) -> str:
     settings, data = composition.settings, composition.parts.data
     choices = {slot: spec.name for slot, spec in settings.choices.items()}
     return (
-        f"method {settings.method.name}, strategy {choices['strategy']}, rasterizer "
+        f"method {settings.method.name}, {growth(choices['strategy'])}, rasterizer "
         f"{choices['rasterizer']} on {composition.parts.device}, {composition.plan.steps} steps"
         f"{_of_processes(composition)}\n"
         f"data {composition.scene.name} ({choices['datamanager']}): "
@@ -159,12 +160,20 @@ def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console, ending
     findings = summary["findings"]
     done = "done" if not any(item["collapse"] for item in findings) else "done, but not sound"
     title = f"{done}: {trainer.info.method} on {trainer.info.scene}, {summary['steps']} steps"
-    figures = run_rows(summary, trainer.parts.metrics, ending.headline, ending.invisible)
+    figures = run_rows(
+        {**summary, "protocol": trainer.info.protocol},
+        trainer.parts.metrics,
+        ending.headline,
+        ending.invisible,
+    )
     files = file_rows(folder, ending.learnt)
     run = quoted(folder)
-    others = [] if folder.splats.exists() else [f"gsfw export {run} format=ply"]
-    others.append(f"tensorboard --logdir {run}")
-    following = next_rows(str(folder.path), ("view", "report", "eval", "render"), others)
+    # The report is written already, unless the settings say otherwise.
+    verbs = ("view", "render", "eval") if folder.report.exists() else ("view", "render", "report")
+    target = "out=scene.spz" if folder.splats.exists() else "format=ply"
+    target = "format=web" if "bytes_per_time" in summary else target
+    others = [f"gsfw export {run} {target}", f"tensorboard --logdir {run}"]
+    following = next_rows(str(folder.path), verbs, others)
     console.say("\n" + summary_text(title, figures, [*files, *following]))
     for finding in findings:
         console.warn(finding["message"])

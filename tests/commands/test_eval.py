@@ -10,7 +10,6 @@ import torch
 from gsfw.commands.eval import _rows, _show_views, natural
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
-from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.run_folder import RunFolder
 
@@ -75,7 +74,7 @@ def test_the_worst_images_are_named_and_those_in_the_table_are_sorted_by_number(
     _show_views(Console(), evaluation, "title")
     out = capsys.readouterr().out
     assert out.index("r_2 ") < out.index("r_10 ")
-    (worst,) = (row for row in _rows(evaluation, Split.EVAL) if row.name == "worst")
+    (worst,) = (row for row in _rows(evaluation, "12 views") if row.name == "worst")
     assert worst.value == "20.00 dB"
     assert worst.remark == "PSNR: r_0 20.00, r_1 21.00, r_2 22.00, r_3 23.00, r_4 24.00"
 
@@ -84,6 +83,8 @@ def test_the_summary_ends_with_the_file_and_the_next_commands(run, capsys):
     assert main(["eval", str(run)]) == 0
     out = capsys.readouterr().out
     assert f"\n\n{run} after 20 steps\n\n  PSNR " in out
-    assert "mean of 2 held-out views; one colour has " in out
+    views = r"2 held-out views of \d+ x \d+\s+pixels"
+    assert re.search(rf"^{run}, step 20: {views}$", out, re.MULTILINE)
+    assert re.search(rf"mean of {views}; one colour has ".replace(" ", r"\s+"), out)
     assert re.search(rf"\n  files +{run}/eval/step_000000020.json\n  next +gsfw ", out)
     assert f"gsfw render {run}\n" in out

@@ -55,7 +55,7 @@ def test_a_time_does_not_fit_what_holds_all(moving_run, capsys):
 def test_a_static_run_is_a_scene_at_rest(finished_run, tmp_path, capsys):
     out = tmp_path / "a.splatv"
     assert main(["export", str(finished_run), f"out={out}"]) == 0
-    assert "splats at rest after 20 steps" in capsys.readouterr().out
+    assert "static splats after 20 steps" in capsys.readouterr().out
     assert SplatvImporter().read_motion(out).is_still
 
 

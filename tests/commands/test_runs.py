@@ -173,8 +173,16 @@ def test_without_a_match_scenes_and_methods_are_named(capsys):
     make_run("a")
     assert main(["runs", "scene=plush"]) == 0
     assert capsys.readouterr().out == (
-        "none of the 1 runs is such a one.\nScenes: fox. Methods: 3dgs.\n"
+        "No run matches scene=plush (1 run in all).\nScenes: fox. Methods: 3dgs.\n"
     )
+
+
+def test_the_filter_that_matches_nothing_is_repeated(capsys):
+    make_run("a")
+    make_run("b")
+    assert main(["runs", "method=4d*", "state=interrupted"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("No run matches state=interrupted method=4d* (2 runs in all).\n")
 
 
 def test_without_runs_the_command_that_makes_one_is_named(capsys, tmp_path):
@@ -300,6 +308,17 @@ def test_figures_that_were_measured_differently_are_not_silently_compared(capsys
     assert capsys.readouterr().err == (
         "warning: The figures were not measured alike: views 7 in A, 9 in B.\n"
     )
+
+
+def test_comparison_says_how_large_the_compared_images_were(capsys):
+    first, second = make_run("a"), make_run("b")
+    for run, sizes in ((first, "[[718, 1280]]"), (second, '[[239, 427]], "downscale": 3.0')):
+        summary = run / "metrics.json"
+        text = summary.read_text()
+        summary.write_text(text.replace('"views": 7', f'"views": 7, "image_sizes": {sizes}'))
+    assert main(["runs", "compare", str(first), str(second)]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "images 718 x 1280 pixels 239 x 427 pixels (1/3 of their size)" in lines
 
 
 def test_one_run_is_too_few_for_a_comparison(capsys):

@@ -148,7 +148,7 @@ def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
     said = capsys.readouterr().out
     first, described, *_ = said.splitlines()
     assert first == "preparing method 3dgs on the built-in scene, device auto"
-    assert described.startswith("method 3dgs, strategy adc, rasterizer ")
+    assert described.startswith("method 3dgs, growth by adc, rasterizer ")
     assert "6 views to train on, 2 held out; 150 Gaussians to start with" in said
     assert re.search(r"expected on this machine: \d+ s, .* GB of memory, \d+ MB of disk", said)
     assert "everything fits; without --dry-run the run would go to runs/" in said
@@ -161,10 +161,14 @@ def test_a_run_goes_to_a_folder_of_its_own_and_says_what_is_next(capsys, tmp_pat
     said = capsys.readouterr().out
     run = path.relative_to(tmp_path)
     assert "\ndone: 3dgs on synthetic, 4 steps\n" in said
-    assert re.search(r"\n  PSNR +[\d.]+ dB +mean of 2 held-out views; one colour has ", said)
+    assert re.search(r"\n  PSNR +[\d.]+ dB +mean of 2 held-out views of \d+ x \d+ ", said)
     assert re.search(rf"\n  folder +{run}\n  files +report.html, splats.ply \([\d.]+ kB\), ", said)
     for following in ("tensorboard --logdir", "gsfw eval", "gsfw render"):
         assert re.search(rf"\n  (next)? +{following} {run}\n", said)
+    assert "gsfw report" not in said, "it is written already"
+    (export,) = re.findall(rf"\n +gsfw (export {run} out=scene.spz)\n", said)
+    assert main(export.split()) == 0
+    assert (tmp_path / "scene.spz").is_file()
 
 
 def test_with_json_standard_output_is_the_summary_alone(capsys, tmp_path):

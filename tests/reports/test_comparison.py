@@ -199,6 +199,24 @@ def test_runs_are_called_by_the_ends_of_their_paths_that_differ(tmp_path):
     assert len(set(labels([records[0], records[0]]))) == 2
 
 
+def test_runs_of_other_scenes_and_methods_are_called_by_these(tmp_path):
+    records = [record(tmp_path / place, {"a": 20.0}) for place in ("first", "second", "third")]
+    for run, method in zip(records, ("3dgs", "4dgs", "3dgs"), strict=True):
+        run.settings["method"] = method
+    assert labels(records) == ["3dgs/first", "4dgs/second", "3dgs/third"]
+    records[2].summary["scene"] = "fox"
+    assert labels(records) == ["made/3dgs/first", "made/4dgs/second", "fox/3dgs/third"]
+
+
+def test_the_size_of_compared_images_is_a_row(tmp_path):
+    small = {**PROTOCOL, "downscale": 2}
+    runs = [record(tmp_path / "one", {"a": 20.0}),
+            record(tmp_path / "two", {"a": 25.0}, protocol=small)]  # fmt: skip
+    out = write_comparison([(run, Opened(None)) for run in runs], RULE, tmp_path / "c.html")
+    sizes = "<td>32 x 24 pixels</td><td>32 x 24 pixels (1/2 of their size)</td>"
+    assert f"<tr><td>images</td>{sizes}</tr>" in out.read_text()
+
+
 def test_settings_that_differ_are_listed_and_names_escaped(tmp_path):
     one = write_run(tmp_path / "<b>one", {"<i>": 20.0}, steps=10)
     two = write_run(tmp_path / "two", {"<i>": 22.0}, steps=20)

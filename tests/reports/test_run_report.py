@@ -68,6 +68,14 @@ def test_the_page_has_figures_protocol_curves_settings_and_machine(finished_run)
         assert part in text, part
 
 
+def test_the_psnr_has_the_size_of_the_compared_images_beside_it(tmp_path):
+    shrunk = {"views": 1, "image_sizes": [[239, 427]], "downscale": 3}
+    text = page_of(write_run(tmp_path / "run", {"a": 20.0}, protocol=shrunk)).text
+    size = "239 x 427 pixels (1/3 of their size)"
+    assert f"PSNR 20.00 dB on 1 held-out view of {size}, 12.0 dB more" in text
+    assert f"{size}; one colour 8.00" in text
+
+
 def test_the_worst_view_is_the_first_one(finished_run, tmp_path):
     record = read_run(RunFolder(finished_run))
     worst = min(record.per_view, key=lambda view: view["psnr"])
@@ -200,7 +208,7 @@ def test_where_figures_of_views_are_lost_nobody_says_that_none_are_held_out(tmp_
     folder = write_run(tmp_path / "run", {"a": 20.0}, views=1)
     (folder.evaluations / "step_000000100.json").write_text("{")
     text = page_of(folder).text
-    assert "PSNR 20.00 dB on 1 held-out view, 12.0 dB more than an image of one colour." in text
+    assert "PSNR 20.00 dB on 1 held-out view of 32 x 24 pixels, 12.0 dB more than an image" in text
     assert "No view is held out" not in text
 
 

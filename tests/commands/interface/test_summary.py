@@ -4,6 +4,7 @@ from support.watched_run import SUMMARY
 
 from gsfw.commands.interface.summary import (
     Row,
+    compared_views,
     next_rows,
     quality_rows,
     run_rows,
@@ -24,6 +25,23 @@ def test_a_run_has_quality_gaussians_time_memory_and_size():
         Row("memory", "100 MB", "at most"),
         Row("model", "24 kB", "colour takes most"),
     ]
+
+
+def test_the_size_of_compared_images_is_beside_the_psnr():
+    protocol = {"image_sizes": [[239, 427]], "downscale": 3.0}
+    (row, *_) = run_rows({**RUN, "protocol": protocol}, ())
+    assert row.remark.startswith(
+        "mean of 5 held-out views of 239 x 427 pixels (1/3 of their size); one colour "
+    )
+    full = {"image_sizes": [[718, 1280]], "downscale": 1.0}
+    assert compared_views("1", "training", full) == "1 training view of 718 x 1280 pixels"
+
+
+def test_updates_that_count_as_several_steps_are_explained():
+    (row,) = (r for r in run_rows({**RUN, "updates": 12}, ()) if r.name == "training")
+    assert row.remark == (
+        "12 updates, which count as 20 steps of the schedule, without loading and measuring"
+    )
 
 
 def test_a_run_without_held_out_views_says_so_and_has_no_render_time():
