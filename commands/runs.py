@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.reports.run_record import RunRecord
 
 COMPARE, REMOVE = "compare", "remove"
-COLUMNS = ("state", "scene", "method", "PSNR", "Gaussians", "time", "run")
+COLUMNS = ("state", "scene", "method", "PSNR", "images", "Gaussians", "time", "run")
 
 MOST_ADDED = 6
 """Chosen: more settings that only some runs have are counted, and not named."""
@@ -151,7 +151,7 @@ def _table(records: Sequence[RunRecord]) -> str:
     """One line for each run; on a narrow terminal its folder is on a line of its own."""
     rows = [list(COLUMNS), *map(_cells, records)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS) - 1)]
-    right = (3, 4, 5)
+    right = (3, 4, 5, 6)
     heads = [
         "  ".join(
             cell.rjust(width) if column in right else cell.ljust(width)
@@ -170,6 +170,7 @@ def _table(records: Sequence[RunRecord]) -> str:
 
 def _cells(record: RunRecord) -> list[str]:
     from gsfw.core.words import duration
+    from gsfw.reports.plain_text import short_sizes
     from gsfw.reports.run_state import State
 
     state = record.state.value
@@ -183,6 +184,7 @@ def _cells(record: RunRecord) -> list[str]:
     cells = [
         "-" if (value := record.figure(name)) is None else text(value) for name, text in figures
     ]
+    cells.insert(1, short_sizes(record.protocol) or "-")
     return [state, record.scene, record.method, *cells, str(record.path)]
 
 

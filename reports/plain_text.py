@@ -31,6 +31,14 @@ def image_sizes(protocol: Mapping[str, Any]) -> str:
     Args:
         protocol: the measurement protocol of the figures.
     """
+    sizes = short_sizes(protocol)
+    downscale = number(protocol.get("downscale")) or 1.0
+    part = f" (1/{downscale:.3g} of their size)" if downscale > 1 else ""
+    return f"{sizes} pixels{part}" if sizes else ""
+
+
+def short_sizes(protocol: Mapping[str, Any]) -> str:
+    """The sizes of compared images for a narrow column: "239 x 427"; empty if unknown."""
     found = protocol.get("image_sizes")
     known = found if isinstance(found, list | tuple) else []
     sizes = [size for size in known if isinstance(size, list | tuple) and len(size) == 2]
@@ -39,9 +47,7 @@ def image_sizes(protocol: Mapping[str, Any]) -> str:
     sizes = sorted(sizes, key=lambda size: (number(size[0]) or 0.0) * (number(size[1]) or 0.0))
     least, most = plain(sizes[0]), plain(sizes[-1])
     between = "to" if len(sizes) > 2 else "or"
-    text = f"{least if len(sizes) == 1 else f'{least} {between} {most}'} pixels"
-    downscale = number(protocol.get("downscale")) or 1.0
-    return text if downscale <= 1 else f"{text} (1/{downscale:.3g} of their size)"
+    return least if len(sizes) == 1 else f"{least} {between} {most}"
 
 
 def growth(strategy: str) -> str:

@@ -197,9 +197,21 @@ def test_the_table_has_a_line_for_each_run(capsys):
     make_run("b", done=40)
     assert main(["runs", "sort=psnr"]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert lines[0] == ["state", "scene", "method", "PSNR", "Gaussians", "time", "run"]
-    assert ["finished", "fox", "3dgs", "30.00", "1,234", "1", "min", "5", "s", "runs/a"] in lines
-    assert ["interrupted", "40%", "fox", "3dgs", "30.00", "540", "0", "s", "runs/b"] in lines
+    assert lines[0] == ["state", "scene", "method", "PSNR", "images", "Gaussians", "time", "run"]
+    assert [
+        "finished",
+        "fox",
+        "3dgs",
+        "30.00",
+        "-",
+        "1,234",
+        "1",
+        "min",
+        "5",
+        "s",
+        "runs/a",
+    ] in lines
+    assert ["interrupted", "40%", "fox", "3dgs", "30.00", "-", "540", "0", "s", "runs/b"] in lines
 
 
 def test_on_a_narrow_terminal_folders_have_their_own_lines(capsys, monkeypatch):
@@ -318,6 +330,10 @@ def test_comparison_says_how_large_the_compared_images_were(capsys):
         summary.write_text(text.replace('"views": 7', f'"views": 7, "image_sizes": {sizes}'))
     assert main(["runs", "compare", str(first), str(second)]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert main(["runs"]) == 0
+    rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert " PSNR images Gaussians " in rows[0]
+    assert sorted("239 x 427" in row for row in rows[1:]) == [False, True]
     assert "images 718 x 1280 pixels 239 x 427 pixels (1/3 of their size)" in lines
 
 
