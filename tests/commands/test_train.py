@@ -171,6 +171,22 @@ def test_a_run_goes_to_a_folder_of_its_own_and_says_what_is_next(capsys, tmp_pat
     assert (tmp_path / "scene.spz").is_file()
 
 
+def test_of_a_moving_model_all_times_are_exported_next(capsys):
+    moving = [
+        *SMALL,
+        "method=spacetime",
+        "datamanager.moving=true",
+        "datamanager.times=2",
+        "report=false",
+    ]
+    assert main(["train", *moving, "out=moving"]) == 0
+    said = capsys.readouterr().out
+    assert "gsfw report moving\n" in said, "it was not written"
+    (export,) = re.findall(r"\n +gsfw (export moving .*)\n", said)
+    assert main(export.split()) == 0
+    assert "moving splats" in capsys.readouterr().out
+
+
 def test_with_json_standard_output_is_the_summary_alone(capsys, tmp_path):
     assert main(["train", *SMALL, "out=run", "json=true"]) == 0
     document = json.loads(capsys.readouterr().out)
