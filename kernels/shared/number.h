@@ -27,6 +27,14 @@
 #define GSFW_FUNCTION inline
 #endif
 
+// NVRTC 13.0 leaves some short loops of sm_100 and sm_120 as they are, and then keeps what they index
+// in memory. Others unroll them unasked.
+#if defined(__CUDACC__) || defined(__CUDACC_RTC__)
+#define GSFW_UNROLL _Pragma("unroll")
+#else
+#define GSFW_UNROLL
+#endif
+
 // GCC and Clang know the elementary functions without a header, CUDA's compilers bring their own.
 #if (defined(__GNUC__) || defined(__clang__)) && !defined(__CUDACC_RTC__)
 #define GSFW_ELEMENTARY(name) __builtin_##name

@@ -51,16 +51,20 @@ template <class T>
 GSFW_FUNCTION T normalise(T* quat) {
   const T zero(0.0), one(1.0);
   T size = zero;
+  GSFW_UNROLL
   for (int k = 0; k < AXES; ++k) size = maximum(size, absolute(quat[k]));
   Mask<T> there = size > T(LEAST_NORM);
+  GSFW_UNROLL
   for (int k = 0; k < AXES; ++k) there = there & (quat[k] <= quat[k]);
   const T scale = select(there, size, one);
   T square(0.0);
+  GSFW_UNROLL
   for (int k = 0; k < AXES; ++k) {
     quat[k] = select(there, quat[k] / scale, k == 0 ? one : zero);
     square = fma(quat[k], quat[k], square);
   }
   const T norm = square_root(square);
+  GSFW_UNROLL
   for (int k = 0; k < AXES; ++k) quat[k] = quat[k] / norm;
   return keep(there, one / (norm * scale));
 }
@@ -69,7 +73,9 @@ GSFW_FUNCTION T normalise(T* quat) {
 template <class T>
 GSFW_FUNCTION void through_norm(const T* quat, const T& inverse, T* gradient) {
   T along = quat[0] * gradient[0];
+  GSFW_UNROLL
   for (int k = 1; k < AXES; ++k) along = fma(quat[k], gradient[k], along);
+  GSFW_UNROLL
   for (int k = 0; k < AXES; ++k) gradient[k] = fma_negated(along, quat[k], gradient[k]) * inverse;
 }
 
@@ -95,10 +101,13 @@ struct Slice {
   GSFW_FUNCTION explicit Slice(const SpaceTime<T>& given) : source(given) {
     left_inverse = normalise(source.left);
     right_inverse = normalise(source.right);
+    GSFW_UNROLL
     for (int i = 0; i < AXES; ++i) {
+      GSFW_UNROLL
       for (int j = 0; j < AXES; ++j) {
         T total = component(source.left, left_entry(i, 0)) *
                   component(source.right, right_entry(0, j));
+        GSFW_UNROLL
         for (int k = 1; k < AXES; ++k) {
           // GCC does not unroll this for AVX2 if a factor has a name, and takes twice as long.
           total = fma(component(source.left, left_entry(i, k)),
@@ -109,6 +118,7 @@ struct Slice {
     }
     const T* const time = rotation[SPACE_AXES];
     T sum(0.0);
+    GSFW_UNROLL
     for (int k = 0; k < AXES; ++k) {
       pulls[k] = source.scales[k] * source.scales[k] * time[k];
       sum = fma(time[k] * source.scales[k], time[k] * source.scales[k], sum);
@@ -116,9 +126,12 @@ struct Slice {
     long_enough = sum >= T(LEAST_VARIANCE);
     variance = maximum(T(LEAST_VARIANCE), sum);  // NaN stays NaN.
     inverse = T(1.0) / variance;
+    GSFW_UNROLL
     for (int i = 0; i < SPACE_AXES; ++i) {
+      GSFW_UNROLL
       for (int j = 0; j < AXES; ++j) {
         T total(0.0);
+        GSFW_UNROLL
         for (int k = 0; k < AXES; ++k) {
           if (k != j) total = fma(turned(i, j, k), pulls[k], total);
         }
@@ -138,12 +151,14 @@ struct Slice {
 
   GSFW_FUNCTION T covariance(int a, int b) const {
     T total = factor(a, 0) * factor(b, 0);
+    GSFW_UNROLL
     for (int j = 1; j < AXES; ++j) total = fma(factor(a, j), factor(b, j), total);
     return total;
   }
 
   GSFW_FUNCTION T velocity(int i) const {
     T total = rotation[i][0] * pulls[0];
+    GSFW_UNROLL
     for (int k = 1; k < AXES; ++k) total = fma(rotation[i][k], pulls[k], total);
     return total * inverse;
   }
@@ -156,16 +171,20 @@ struct SliceFlows {
 
   /// From the gradient of the variance.
   GSFW_FUNCTION explicit SliceFlows(const T& of_variance) : variance(of_variance) {
+    GSFW_UNROLL
     for (int i = 0; i < AXES; ++i) {
       pulls[i] = scales[i] = T(0.0);
+      GSFW_UNROLL
       for (int j = 0; j < AXES; ++j) rotation[i][j] = T(0.0);
     }
   }
 
   /// From the gradients of row ``a`` of the covariance and of column ``a``, added.
   GSFW_FUNCTION void add_covariance(const Slice<T>& of, int a, const T* symmetric) {
+    GSFW_UNROLL
     for (int j = 0; j < AXES; ++j) {
       T flow = symmetric[0] * of.factor(0, j);
+      GSFW_UNROLL
       for (int b = 1; b < SPACE_AXES; ++b) flow = fma(symmetric[b], of.factor(b, j), flow);
       add_factor(of, a, j, flow);
     }
@@ -174,6 +193,7 @@ struct SliceFlows {
   /// From the gradient of velocity i.
   GSFW_FUNCTION void add_velocity(const Slice<T>& of, int i, const T& gradient) {
     const T flow = gradient * of.inverse;
+    GSFW_UNROLL
     for (int k = 0; k < AXES; ++k) {
       rotation[i][k] = fma(flow, of.pulls[k], rotation[i][k]);
       pulls[k] = fma(flow, of.rotation[i][k], pulls[k]);
@@ -185,12 +205,16 @@ struct SliceFlows {
   GSFW_FUNCTION SpaceTime<T> finish(const Slice<T>& of) {
     through_pulls(of);
     SpaceTime<T> to;
+    GSFW_UNROLL
     for (int k = 0; k < AXES; ++k) {
       to.left[k] = to.right[k] = T(0.0);
       to.scales[k] = scales[k];
     }
+    GSFW_UNROLL
     for (int i = 0; i < AXES; ++i) {
+      GSFW_UNROLL
       for (int j = 0; j < AXES; ++j) {
+        GSFW_UNROLL
         for (int k = 0; k < AXES; ++k) {
           const Signed l = left_entry(i, k), r = right_entry(k, j);
           const T flow = l.sign * r.sign > 0 ? rotation[i][j] : -rotation[i][j];
@@ -213,6 +237,7 @@ struct SliceFlows {
     scales[j] = scales[j] + by_scale;
     variance = variance - by_scale * (of.source.scales[j] * of.inverse);
     const T flow = gradient * (of.source.scales[j] * of.inverse);
+    GSFW_UNROLL
     for (int k = 0; k < AXES; ++k) {
       if (k == j) continue;
       const T pulled = flow * of.pulls[k];
@@ -227,6 +252,7 @@ struct SliceFlows {
   /// From pulls and variance to scales and to the row of time.
   GSFW_FUNCTION void through_pulls(const Slice<T>& of) {
     const T twice = keep(of.long_enough, variance + variance);
+    GSFW_UNROLL
     for (int k = 0; k < AXES; ++k) {
       const T scale = of.source.scales[k], time = of.rotation[SPACE_AXES][k];
       T& to = rotation[SPACE_AXES][k];

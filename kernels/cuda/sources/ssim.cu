@@ -247,9 +247,15 @@ __device__ __forceinline__ T compare(const SsimJob& job, const Tile& tile, int c
   return total;
 }
 
+/// Blocks on a multiprocessor: without a number, NVRTC 13.0 takes registers for fewer on sm_100.
+template <class T>
+constexpr int SSIM_BLOCKS = sizeof(T) > 4 ? 1 : 4;
+template <class T>
+constexpr int SSIM_BACKWARD_BLOCKS = sizeof(T) > 4 ? 1 : 5;
+
 /// See ``SsimJob``. One block of SSIM_THREADS for every tile of every image.
 template <class T>
-__global__ void __launch_bounds__(SSIM_THREADS) ssim(SsimJob job) {
+__global__ void __launch_bounds__(SSIM_THREADS, (SSIM_BLOCKS<T>)) ssim(SsimJob job) {
   __shared__ T maps[MAPS * ACROSS];
   const Comparison& of = job.images;
   const Tile tile = tile_of_block(of);
@@ -319,7 +325,8 @@ __device__ __forceinline__ void return_flows(const SsimBackwardJob& job, const T
 
 /// See ``SsimBackwardJob``. One block of SSIM_THREADS for every tile of every image.
 template <class T>
-__global__ void __launch_bounds__(SSIM_THREADS) ssim_backward(SsimBackwardJob job) {
+__global__ void __launch_bounds__(SSIM_THREADS, (SSIM_BACKWARD_BLOCKS<T>))
+    ssim_backward(SsimBackwardJob job) {
   __shared__ T maps[SSIM_FLOWS * TAKEN];
   const Tile tile = tile_of_block(job.images);
   const T share = *static_cast<const T*>(job.share);
