@@ -27,8 +27,8 @@
 #define GSFW_FUNCTION inline
 #endif
 
-// NVRTC 13.0 leaves some short loops of sm_100 and sm_120 as they are, and then keeps what they index
-// in memory. Others unroll them unasked.
+// NVRTC 13.0 leaves some short loops of sm_100 and sm_120 as they are, and keeps what they index
+// in memory. Other compilers unroll them unasked.
 #if defined(__CUDACC__) || defined(__CUDACC_RTC__)
 #define GSFW_UNROLL _Pragma("unroll")
 #else
