@@ -234,7 +234,8 @@ class MethodConfig(ABC):
     renamed: ClassVar[Mapping[str, str]] = {"init=stereo": "init=dense"}
     """Renamed settings, as in ``SlotConfig``; those of derived classes are added."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
-    """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default"."""
+    """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default". Those of
+    ``datamanager.*`` hold for the built-in scene only, such as its motion."""
 
     data: str = ""
     """Data set: a folder or file. Empty: the built-in scene, which needs none."""

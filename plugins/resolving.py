@@ -12,6 +12,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.files.mirror import MEGABYTE
 from gsfw.core.step_settings import Rescaled, step_settings
 from gsfw.plugins.automatic import (
+    BUILT_IN_SCENE,
     USUAL_CHOICE,
     Choice,
     choose_datamanager,
@@ -44,6 +45,8 @@ from gsfw.plugins.values import as_text, describe, parse
 
 DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
 """Values of ``auto`` that need no inspection."""
+PRESET_CHOICES = {**DEFAULT_CHOICES, "datamanager": BUILT_IN_SCENE}
+"""Parts that values of a preset are for, unless the method or the preset names others."""
 PAPER = "paper"
 """Preset of every method: its own settings and number of steps, whatever the data. Data of the
 user's own is trained on for a time without it (``planning.asked``)."""
@@ -193,14 +196,15 @@ class Resolving:
         """All values, except those of a choice that another one has replaced.
 
         A preset's ``strategy.*`` is for the method's own strategy, a file's for the strategy in the
-        file; values without a strategy are for the chosen one.
+        file; values without a strategy are for the chosen one. A preset's ``datamanager.*`` is for
+        the built-in scene.
         """
         final = {slot: spec.name for slot, spec in self._choices.items()}
         usual = {slot: name for slot, name in self._defaults.items() if name != AUTO}
         given = dict(final)
         for layer in self._layers:
             own = layer.rank < Rank.GIVEN
-            in_force = {**final, **DEFAULT_CHOICES, **usual} if own else given
+            in_force = {**final, **PRESET_CHOICES, **usual} if own else given
             for slot in SLOT_KEYS:
                 if slot in layer.values:
                     name = as_text(layer.values[slot])

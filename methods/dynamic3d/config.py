@@ -47,6 +47,7 @@ class TrackedGaussiansConfig(GaussiansConfig):
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "default": {
+            "datamanager.moving": True,
             "sampler": "sequential",
             "sampler.views_per_step": 2,
             "strategy.reset_every": 0,

@@ -135,7 +135,11 @@ class DeformationConfig(MovingConfig):
     """Canonical Gaussians and a deformation field (Wu et al. 2024; Yang et al. 2024)."""
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "default": {"strategy.reset_every": 0, "strategy.max_gaussians": 360_000},
+        "default": {
+            "datamanager.moving": True,
+            "strategy.reset_every": 0,
+            "strategy.max_gaussians": 360_000,
+        },
         "fast": {
             "steps": 7_000,
             "sh_degree": 2,

@@ -65,6 +65,7 @@ class SpacetimeConfig(MovingConfig):
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "default": {
+            "datamanager.moving": True,
             "strategy.reset_every": 0,
             "strategy.grow_time_gradient": 5e-5,
             "strategy.max_gaussians": 360_000,

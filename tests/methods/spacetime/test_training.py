@@ -98,7 +98,12 @@ def test_views_of_one_time_share_a_step(tmp_path):
 
 def test_data_without_times_are_refused_before_training(tmp_path, capsys):
     arguments = ["train", "method=spacetime", f"out={tmp_path / 'run'}", "datamanager.views=2"]
-    arguments += ["datamanager.width=8", "datamanager.height=8", "datamanager.points=9"]
+    arguments += [
+        "datamanager.width=8",
+        "datamanager.height=8",
+        "datamanager.points=9",
+        "datamanager.moving=false",
+    ]
     assert main(arguments) != 0
     assert "method 'spacetime' is for captures of several times" in capsys.readouterr().err
 
