@@ -41,7 +41,7 @@ class EvalOptions(RunOptions, DetailOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Evaluate, print a table, and write eval/step_N.json."""
+    """Evaluate, print a table, and write eval/step_N.json where the run can be written to."""
     options = read_options("eval", EvalOptions, arguments)
     detail = options.drawn()
     from gsfw.commands.interface.progress import load_torch
@@ -76,11 +76,11 @@ def run(arguments: list[str]) -> int:
     }
     suffix = ("" if split is Split.EVAL else f"_{options.split}") + detail.suffix
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
-    files = _written(found.folder, path, document, evaluation)
+    files = _written(found.folder, path, document, evaluation, console)
     views = compared_views(evaluation.count, KINDS[options.split], document["protocol"])
     _show_views(console, evaluation, f"{found.name}, step {restored.step}: {views}")
     rows = _rows(evaluation, views)
-    rows.append(Row("files", ", ".join(map(str, files))))
+    rows += [Row("files", ", ".join(map(str, files)))] if files else []
     rows += next_rows(found.name, ("view", "report", "render"))
     console.say("\n" + summary_text(f"{found.name} after {restored.step} steps", rows))
     for finding in evaluation.findings or ():
@@ -118,13 +118,25 @@ def _protocol(restored: Restored, split: Split) -> dict[str, Any]:
 
 
 def _written(
-    folder: RunFolder, path: Path, document: Mapping[str, Any], evaluation: Evaluation
+    folder: RunFolder,
+    path: Path,
+    document: Mapping[str, Any],
+    evaluation: Evaluation,
+    console: Console,
 ) -> list[Path]:
-    """Write the document and, for a moving scene, the curve over time; the files."""
-    from gsfw.charts.time_plot import write_time_plot
+    """Write the document and, for a moving scene, the curve over time; the files.
 
-    folder.write_json(path, document)
-    plot = write_time_plot(path, evaluation)
+    Where they cannot be written, a warning says so: the figures are printed all the same.
+    """
+    from gsfw.charts.time_plot import write_time_plot
+    from gsfw.core.errors import OutputError
+
+    try:
+        folder.write_json(path, document)
+        plot = write_time_plot(path, evaluation)
+    except OutputError as error:
+        console.warn(f"{error.message} The figures are printed only; json=true prints all of them.")
+        return []
     return [path] if plot is None else [path, plot]
 
 

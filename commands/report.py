@@ -62,6 +62,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run
     from gsfw.core.errors import ConfigError
+    from gsfw.core.files.atomic import other_place
     from gsfw.core.words import size
     from gsfw.reports.drawing import DrawingRule
     from gsfw.reports.error_image import choose_error
@@ -76,12 +77,13 @@ def run(arguments: list[str]) -> int:
                 "Give the folder of the run that it was exported from.",
             )
     rule = DrawingRule(options.views, options.frames, choose_error(options.error))
-    if len(found) == 1:
-        out = Path(options.out) if options.out else None
-        opened = _open(found[0], options, console)
-        path = write_run_report(found[0].folder, opened, rule, out)
-    else:
-        path = _compare(found, options, rule, console)
+    with other_place("another place with out=FILE"):
+        if len(found) == 1:
+            out = Path(options.out) if options.out else None
+            opened = _open(found[0], options, console)
+            path = write_run_report(found[0].folder, opened, rule, out)
+        else:
+            path = _compare(found, options, rule, console)
     count = path.stat().st_size
     console.say(f"report: {path} ({size(count)})")
     console.say(f"open it in a browser: {path.resolve().as_uri()}")

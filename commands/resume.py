@@ -23,6 +23,7 @@ from gsfw.commands.interface.team import (
 )
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.atomic import other_place
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import did_you_mean, installed
 
@@ -54,6 +55,9 @@ CHANGEABLE = (
     "callbacks",
 )
 """Settings, and groups of settings, that may change on resuming; the others are fixed."""
+
+COPY = "a copy of the run in a folder that you may write to"
+"""Remedy where the run cannot be written to: it goes on in its own folder."""
 
 HELP = f"""usage: gsfw resume RUN [key=value ...]
 
@@ -111,6 +115,7 @@ def resume_run(
     Raises:
         ConfigError: it is no run, or a setting is wrong.
         DataError: it cannot be restored.
+        OutputError: its folder cannot be written to.
     """
     if found.model_file is not None:
         raise ConfigError(
@@ -119,7 +124,7 @@ def resume_run(
         )
     processes, shards, device = _asked(found, changed)
     check_started(processes)
-    with joined(processes, shards, device) as team:
+    with other_place(COPY), joined(processes, shards, device) as team:
         return resume_together(found, changed, command, caller, began, team)
 
 

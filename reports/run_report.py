@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
-from gsfw.core.errors import DataError, UserError
+from gsfw.core.errors import DataError, OutputError, UserError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
@@ -83,7 +83,7 @@ def find_pictures(
             opened = not_opened(error)
         else:
             if pictures.views or pictures.orbit:
-                store_pictures(record.folder, pictures)
+                _store(record, pictures)
             _note_step(record, pictures, notes)
             return pictures
     try:
@@ -98,6 +98,14 @@ def find_pictures(
     if found is not None:
         _note_step(record, found, notes)
     return found
+
+
+def _store(record: RunRecord, pictures: Pictures) -> None:
+    """Keep the images in the run for later pages; a page needs none of these files."""
+    try:
+        store_pictures(record.folder, pictures)
+    except OutputError as error:
+        logger.warning("%s The images are not kept for images=stored.", error.message)
 
 
 def _note_step(record: RunRecord, pictures: Pictures, notes: list[str]) -> None:

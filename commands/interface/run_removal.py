@@ -12,6 +12,7 @@ import yaml
 from gsfw.commands.interface.new_run import OTHERS
 from gsfw.commands.interface.runs import RUNS, RunArgument
 from gsfw.core.errors import ConfigError, DataError, OutputError
+from gsfw.core.files.atomic import other_place
 from gsfw.core.files.folder_lock import LOCK, holder, only_one
 from gsfw.core.files.size import bytes_of
 from gsfw.core.files.yaml_text import parsed_yaml
@@ -79,7 +80,8 @@ def remove_run(path: Path) -> int:
     """
     path = path.resolve()  # A folder cannot be removed under a name that ends in "..".
     freed = bytes_of(path)
-    with only_one(path, OTHERS, "Wait for it, or end it."):
+    waits = only_one(path, OTHERS, "Wait for it, or end it.")
+    with other_place("a run that you may change"), waits:
         try:
             shutil.rmtree(path)
         except OSError as error:

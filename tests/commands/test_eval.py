@@ -40,6 +40,19 @@ def test_the_views_it_was_trained_on_can_be_evaluated_too(run, capsys):
     assert (RunFolder(run).evaluations / "step_000000020_train.json").is_file()
 
 
+def test_the_figures_are_printed_where_the_run_cannot_be_written_to(run, capsys):
+    shutil.rmtree(run / "eval")
+    (run / "eval").write_text("in the place of the folder")
+    assert main(["eval", str(run)]) == 0
+    said = capsys.readouterr()
+    psnr = json.loads(RunFolder(run).summary.read_text())["psnr"]
+    assert f"{psnr:.2f} dB" in said.out
+    assert "files" not in said.out
+    assert f"warning: {run / 'eval' / 'step_000000020.json'} cannot be written: " in said.err
+    assert "The figures are printed only; json=true prints all of them.\n" in said.err
+    assert "out=" not in said.err
+
+
 def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
     assert main(["eval", str(tmp_path)]) == 2
     assert "is not a run: it has no config.yaml" in capsys.readouterr().err

@@ -40,6 +40,14 @@ def test_more_steps_go_on_where_it_ended_and_are_remembered(run, capsys):
     assert "it has done all of its 24 steps" in capsys.readouterr().out
 
 
+def test_a_run_that_cannot_be_written_to_goes_on_in_a_copy(run, capsys):
+    (run / ".lock").unlink()
+    (run / ".lock").mkdir()
+    said = refusal(capsys, str(run), "steps=24")
+    assert "cannot be written: " in said
+    assert said.endswith("Choose a copy of the run in a folder that you may write to.\n")
+
+
 def test_a_run_that_lost_its_final_evaluation_gets_it(run, capsys):
     before = json.loads(RunFolder(run).summary.read_text())
     RunFolder(run).summary.unlink()

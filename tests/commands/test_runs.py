@@ -360,6 +360,16 @@ def test_removal_frees_what_it_says_and_leaves_no_empty_folders(capsys):
     assert other.is_dir()
 
 
+def test_a_run_that_cannot_be_written_to_is_not_removed(capsys):
+    path = make_run("a")
+    (path / ".lock").unlink(missing_ok=True)
+    (path / ".lock").mkdir()
+    said = refusal(capsys, "remove", str(path), "yes=true")
+    assert "cannot be written: " in said
+    assert "Choose a run that you may change." in said
+    assert path.is_dir()
+
+
 def answering(monkeypatch, answer: str) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: answer, raising=False)

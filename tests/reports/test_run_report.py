@@ -176,6 +176,21 @@ def test_where_the_data_is_gone_the_images_of_the_earlier_page_are_shown(own_run
     assert "There are no images:" in parsed(own_run / PAGE).text
 
 
+def test_a_page_for_another_place_is_written_where_the_run_cannot_be_written_to(own_run, capsys):
+    shutil.rmtree(own_run / "report")
+    (own_run / "report").write_text("in the place of the folder")
+    out = own_run.with_name("sent.html")
+    assert main(["report", str(own_run), f"out={out}", "frames=0"]) == 0
+    assert len(parsed(out).views()) == 2
+    warned = capsys.readouterr().err
+    assert "cannot be written: " in warned
+    assert "The images are not kept for images=stored." in warned
+    (own_run / PAGE).unlink()
+    (own_run / PAGE).mkdir()
+    assert main(["report", str(own_run), "frames=0"]) == 2
+    assert "Choose another place with out=FILE.\n" in capsys.readouterr().err
+
+
 def test_an_image_that_goes_while_the_page_is_drawn_costs_images_and_not_the_page(
     own_run, monkeypatch
 ):
