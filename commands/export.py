@@ -78,6 +78,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.detail import Detail
     from gsfw.commands.interface.exported_model import check_finetune
     from gsfw.commands.interface.runs import find_run, restore_run
+    from gsfw.commands.interface.splats_alone import or_splats_alone
     from gsfw.core.files.atomic import other_place
     from gsfw.plugins.exporters import check_sh_degree, check_suffix, make_exporter
     from gsfw.plugins.registry import installed
@@ -92,6 +93,8 @@ def run(arguments: list[str]) -> int:
     check_sh_degree(options.sh_degree, options.format, exporter)
     console = Console(options.json)
     found = find_run(options.run, console.say)
+    if _is_in_splats(options, exporter):
+        found = or_splats_alone(found, options.data, options.step, console.warn)
     check_finetune(options.finetune, found, exporter)
     detail = Detail.parse(options.budget, 0.0, "")
     restored = restore_run(found, registry, options.changed(), options.step, detail)
@@ -99,7 +102,8 @@ def run(arguments: list[str]) -> int:
     with other_place(f"another place with out={place}"):
         document = _Export(options, exporter, found, restored, console).write()
         document |= _corrections(restored, document["written"], found, console)
-    about = {"run": found.name, "step": restored.step, "format": options.format}
+    step = restored.step if found.splat_file is None else None
+    about = {"run": found.name, "step": step, "format": options.format}
     console.result({**about, **document})
     return 0
 
@@ -183,6 +187,17 @@ def _check_fit(options: ExportOptions, holds: Holds) -> None:
             f"format={options.format} holds {what} at all times: leave out time and times.",
             "For what it looks like at one of them: format=ply time=0.5",
         )
+
+
+def _is_in_splats(options: ExportOptions, exporter: Exporter) -> bool:
+    """True if splats.ply of a still run has all that is written, to another file.
+
+    The parts that training views need are not in it.
+    """
+    from gsfw.core.exchange import Holds
+
+    is_other = bool(options.out) or options.format != PLY
+    return is_other and exporter.holds is Holds.SPLATS and options.keep == 1 and not options.budget
 
 
 @dataclass(frozen=True)
@@ -339,8 +354,9 @@ class _Export:
 
     def _say(self, content: str, path: Path) -> int:
         """Print the content and the path of a file or folder; return its size in bytes."""
-        count = bytes_of(path)
-        self.console.say(f"{content} after {self.restored.step} steps, {size(count)}: {path}")
+        count, steps = bytes_of(path), f" after {self.restored.step} steps"
+        after = "" if self.found.splat_file is not None else steps
+        self.console.say(f"{content}{after}, {size(count)}: {path}")
         return count
 
 

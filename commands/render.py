@@ -102,6 +102,7 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, restore_run, warn_of_file
+    from gsfw.commands.interface.splats_alone import or_splats_alone
     from gsfw.plugins.registry import installed
     from gsfw.rendering.request import render
 
@@ -110,6 +111,8 @@ def run(arguments: list[str]) -> int:
     request.check()
     console = Console(options.json)
     found = find_run(options.run, console.say, splats=True)
+    if options.what != "views":  # Those need the photos.
+        found = or_splats_alone(found, options.data, None, console.warn)
     restored = restore_run(found, installed(), options.changed(), detail=detail)
     composition = restored.composition
     warn_of_file(found, composition, console)

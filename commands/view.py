@@ -66,7 +66,7 @@ def show(verb: str, options: ViewOptions) -> int:
 
         load_torch()
         console = Console(options.json)
-        found = [_find(text, console) for text in options.runs]
+        found = [_find(text, options.data, console) for text in options.runs]
         with ExitStack() as opened:
             models = tuple(_open(run, options, console) for run in found)
             for model in models:
@@ -119,11 +119,13 @@ def _check(verb: str, options: ViewOptions) -> None:
         raise ConfigError(f"port={options.port}: expected a number from 0 to 65535.")
 
 
-def _find(text: str, console: Console) -> RunArgument:
-    """The run or file of an argument."""
+def _find(text: str, data: str, console: Console) -> RunArgument:
+    """The run or file of an argument; of a run whose data set is gone its splats."""
     from gsfw.commands.interface.runs import find_run
+    from gsfw.commands.interface.splats_alone import or_splats_alone
 
-    return find_run(text, console.say, splats=True)
+    found = find_run(text, console.say, splats=True)
+    return or_splats_alone(found, data, None, console.warn)
 
 
 def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedModel:

@@ -100,15 +100,21 @@ def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) ->
     """
     data = settings.config.data
     given = changed is not None and "data" in changed.values
-    if not data or given or is_remote(data) or is_there(Path(data)):
+    if given or not is_gone(data):
         return
+    alone = f" gsfw view {folder.splats} needs neither." if folder.splats.is_file() else ""
     model = folder.path / "model.gsfw"
     hint = f"where the data set is, gsfw export {folder.path} format=gsfw makes one"
     raise DataError(
         f"{folder.path} was trained on {data}, and there is no such file or folder any more.",
         "Say where the data set is now: data=PATH. (A model file needs none; "
-        f"{f'there is one: {model}' if model.is_file() else hint}.)",
+        f"{f'there is one: {model}' if model.is_file() else hint}.{alone})",
     )
+
+
+def is_gone(data: str) -> bool:
+    """True if the data set of a run was at a place on this machine where there is nothing now."""
+    return bool(data) and not is_remote(data) and not is_there(Path(data))
 
 
 def _with_rasterizer(changed: Layer, saved: Layer, registry: Registry) -> Layer:

@@ -168,12 +168,14 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.edit.session import Session
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run
+    from gsfw.commands.interface.splats_alone import or_splats_alone
     from gsfw.plugins.registry import installed
 
     console, registry = Console(options.json), installed()
     steps = _steps(arguments)
     _check(options, steps)
     found = find_run(options.file, console.say, splats=True, lead="FILE is")
+    found = or_splats_alone(found, options.data, options.step, console.warn)
     console.result(Session(options, given, steps, found, registry, console).run())
     return 0
 

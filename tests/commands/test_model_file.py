@@ -198,12 +198,14 @@ def test_a_run_whose_data_moved_says_where_it_was_and_what_to_do(
     assert capsys.readouterr().err == (
         f"error: {run} was trained on {capture}, and there is no such file or folder any more.\n"
         "Say where the data set is now: data=PATH. (A model file needs none; where the data set "
-        f"is, gsfw export {run} format=gsfw makes one.)\n"
+        f"is, gsfw export {run} format=gsfw makes one. "
+        f"gsfw view {run}/splats.ply needs neither.)\n"
     )
     assert main(["export", str(run), f"data={without_data}", "format=gsfw"]) == 0
     capsys.readouterr()
     assert main(["eval", str(run)]) == 2
-    assert f"(A model file needs none; there is one: {run}/model.gsfw.)" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"(A model file needs none; there is one: {run}/model.gsfw. gsfw view {run}" in told
 
 
 def test_a_model_file_cannot_go_on_and_holds_one_state(model, capsys):
