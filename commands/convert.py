@@ -183,7 +183,7 @@ class _Conversion:
 
     def write(self) -> dict[str, Any]:
         """Write OUT, say what is in it, and return the document."""
-        from gsfw.commands.export import rounding_note
+        from gsfw.commands.interface.exported_splats import rounding_note
         from gsfw.plugins.exporters import readable_value_errors
 
         taken = self._input()
@@ -320,33 +320,18 @@ class _Conversion:
 
     def _loss(self, before: SplatFile, notes: list[str]) -> dict[str, Any]:
         """Compare OUT with IN; say the PSNR, or why there is none, and note what is gone."""
-        from gsfw.core.metrics import PSNR_MAX
-        from gsfw.core.splats import Sh
-        from gsfw.plugins.initial_splats import find_importer, importer_of
-        from gsfw.plugins.orbit_psnr import VIEWS, orbit_psnr
+        from gsfw.commands.interface.exported_splats import UNKNOWN, file_loss, is_comparable
 
-        unknown: dict[str, Any] = {"psnr": None, "views": 0}
         if self.options.check == "false":
-            return unknown
-        readable = self.exporter.is_readable and importer_of(self.path, self.registry) is not None
-        if not readable:
+            return UNKNOWN
+        if not is_comparable(self.path, self.exporter, self.registry):
             self.console.say(f"not compared: nothing here reads format {self.form}")
-            return unknown
+            return UNKNOWN
         if not self._is_compared(len(before.splats)):
-            return unknown
-        with stage(f"reading {self.path.name}"):
-            after = find_importer(self.path, self.registry).read(self.path)
-        assert isinstance(before.splats.colors, Sh) and isinstance(after.splats.colors, Sh)  # noqa: PT018
-        degrees = before.splats.colors.degree, after.splats.colors.degree
-        if degrees[1] < degrees[0]:
-            self.console.say(f"view dependence (SH): degree {degrees[0]} before, {degrees[1]} now")
-        if before.antialiased and not after.antialiased:
-            notes.append(
-                f"format {self.form} does not say that the splats were trained with antialiasing: "
-                "viewers will show small ones too bright."
-            )
-        psnr = orbit_psnr(before, after)
-        more = " or more: no difference" * (psnr == PSNR_MAX)
-        images = f"{VIEWS} images from all around"
-        self.console.say(f"PSNR against IN in {images}: {psnr:.1f} dB{more}")
-        return {"psnr": round(psnr, 2), "views": VIEWS, "sh_degree": degrees[1]}
+            return UNKNOWN
+        loss = file_loss(self.path, self.form, before, self.registry)
+        if loss.degree_line:
+            self.console.say(loss.degree_line)
+        notes += loss.notes
+        self.console.say(f"PSNR against IN {loss}")
+        return loss.document()

@@ -17,13 +17,12 @@ if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import RunArgument
     from gsfw.core.exchange import Exporter, Holds, SplatFile
-    from gsfw.core.splats import Splats
     from gsfw.plugins.registry import Registry
     from gsfw.plugins.restore import Restored
 
 PLY = "ply"
-TOO_COARSE = 0.1
-"""Rounding of positions, relative to the median splat, above which a note warns."""
+MOST_COMPARED = 200_000
+"""Splats of which a file is compared with the model: some seconds on two cores."""
 
 
 @dataclass(kw_only=True)
@@ -226,6 +225,7 @@ class _Export:
 
     def _splats(self) -> dict[str, Any]:
         """The model at one time, as one file."""
+        from gsfw.commands.interface.exported_splats import splat_notes
         from gsfw.formats.visible_splats import without_invisible
         from gsfw.plugins.exporters import readable_value_errors
         from gsfw.plugins.run_source import RunSource
@@ -238,19 +238,40 @@ class _Export:
         path = self._path("splats")
         with readable_value_errors(path, options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
-        splats, notes = content.splats, _notes(taken)
-        for note in notes:
-            self.console.warn(note)
+        splats, notes = content.splats, splat_notes(taken)
         left_out = f" ({invisible:,} too faint to be seen are left out)" if invisible else ""
         count = self._say(f"{len(splats):,} splats{left_out}", path)
+        loss = self._loss(path, taken, notes)
+        for note in notes:
+            self.console.warn(note)
         return {
             "written": str(path),
             "num_gaussians": len(splats),
             "num_dropped": taken.num_dropped,
             "num_invisible": invisible,
             "bytes": count,
+            **loss,
             "notes": notes,
         }
+
+    def _loss(self, path: Path, taken: SplatFile, notes: list[str]) -> dict[str, Any]:
+        """Compare a file with the model, where that takes seconds; say and note what it lost."""
+        from gsfw.commands.interface.exported_splats import UNKNOWN, file_loss, is_comparable
+        from gsfw.plugins.registry import installed
+
+        form, registry = self.options.format, installed()
+        if form == PLY or not len(taken.splats) or not is_comparable(path, self.exporter, registry):
+            return UNKNOWN  # A PLY has the values as they are.
+        if len(taken.splats) > MOST_COMPARED:
+            again = f"gsfw convert {self.found.name} {path} format={form} check=true"
+            self.console.say(f"format {form} may round values; to measure that: {again}")
+            return UNKNOWN
+        loss = file_loss(path, form, taken, registry)
+        self.console.say(
+            "\n".join(filter(None, (loss.degree_line, f"PSNR against the model {loss}")))
+        )
+        notes += loss.notes
+        return loss.document()
 
     def _sequence(self) -> dict[str, Any]:
         """The model at many times, as one file each."""
@@ -374,27 +395,3 @@ def _corrections(
     for path in paths:
         console.say(f"learnt of the capture: {path}")
     return {"corrections": [str(path) for path in paths]} if paths else {}
-
-
-def _notes(taken: SplatFile) -> list[str]:
-    """Warnings about the file, as sentences."""
-    left_out = [f"{taken.num_dropped} splats were left out: they are not finite."]
-    return left_out * bool(taken.num_dropped) + rounding_note(taken.splats)
-
-
-def rounding_note(splats: Splats) -> list[str]:
-    """Warning about coordinates far from the origin, where float32 is coarse."""
-    import numpy as np
-
-    if not len(splats) or splats.scales is None:
-        return []
-    farthest = float(splats.means.abs().max())
-    rounding = float(np.spacing(np.float32(farthest)))
-    size = float(splats.scales.median())
-    if rounding <= TOO_COARSE * size:
-        return []
-    return [
-        f"coordinates reach {farthest:g}, where float32 numbers are {rounding:.2g} apart, and the "
-        f"median splat is {size:.2g} in size: the file looks coarser than the model. Move the "
-        "data set nearer to its origin."
-    ]

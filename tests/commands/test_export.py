@@ -1,13 +1,14 @@
 """`gsfw export` writes a run's splats in the world of the data."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
 import pytest
 import torch
 
-from gsfw.commands.export import _notes
+from gsfw.commands.interface.exported_splats import splat_notes
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import SplatFile
@@ -45,6 +46,25 @@ def test_export_writes_the_file_into_the_run_and_says_what_is_in_it(run, capsys)
     count = len(PlyImporter().read(path).splats)
     assert said.startswith(f"{count:,} splats after 20 steps, ")
     assert said.endswith(f": {path}\n")
+
+
+def test_a_format_that_rounds_says_how_near_its_images_are(run, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "small.splat"
+    assert main(["export", str(run), f"out={out}"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "view dependence (SH): degree 3 before, 0 now"
+    found = re.fullmatch(r"PSNR against the model in 12 images from all around: (.*) dB", lines[2])
+    assert main(["convert", str(run), str(tmp_path / "again.splat"), "json=true"]) == 0
+    same = json.loads(capsys.readouterr().out)["psnr"]
+    assert float(found[1]) == pytest.approx(same, abs=0.06)
+    assert 20 < same < 60
+    monkeypatch.setattr("gsfw.commands.export.MOST_COMPARED", 3)
+    assert main(["export", str(run), f"out={out}", "json=true"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["psnr"] is None
+    again = f"gsfw convert {run} {out} format=splat check=true"
+    assert f"format splat may round values; to measure that: {again}\n" in said.err
+    assert main(again.split()[1:]) == 0
 
 
 def test_json_is_one_document(run, tmp_path, capsys):
@@ -135,14 +155,14 @@ def test_a_place_that_cannot_be_written_to_is_one_message(run, tmp_path, capsys)
 
 def test_splats_that_are_not_finite_are_noted():
     taken = SplatFile(some_splats(), num_dropped=3)
-    assert _notes(taken) == ["3 splats were left out: they are not finite."]
-    assert _notes(SplatFile(some_splats(0))) == []
+    assert splat_notes(taken) == ["3 splats were left out: they are not finite."]
+    assert splat_notes(SplatFile(some_splats(0))) == []
 
 
 def test_coordinates_too_far_from_the_origin_for_float32_are_noted():
     splats = some_splats()
     far = replace(splats, means=splats.means + 5e6)
-    assert _notes(SplatFile(far)) == [
+    assert splat_notes(SplatFile(far)) == [
         "coordinates reach 5e+06, where float32 numbers are 0.5 apart, and the median splat is "
         "0.01 in size: the file looks coarser than the model. Move the data set nearer to its "
         "origin."
