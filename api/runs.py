@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
+from gsfw.api.named_settings import without_settings_as_arguments
 from gsfw.commands.interface.arguments import expanded, full_key
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console, LoggedWarnings, ProgramConsole
@@ -40,6 +41,7 @@ _ALONE = threading.RLock()
 
 
 @without_inner_frames
+@without_settings_as_arguments
 def train(
     *,
     method: str,
@@ -76,7 +78,8 @@ def train(
         progress: false to print nothing.
 
     Raises:
-        ConfigError: a setting is unknown or wrong, or the parts do not fit together.
+        ConfigError: a setting is unknown, wrong or given as an argument of its own, or the parts do
+            not fit together.
         DataError: the data set cannot be used.
         OutputError: the folder is in use, or cannot be written to.
         TrainingError: the GPU's memory is full, or steps are no longer finite.
@@ -227,6 +230,7 @@ class Run:
         return self.model.save(path, time=time, format=format, options=options)
 
     @without_inner_frames
+    @without_settings_as_arguments
     def resume(
         self,
         *,

@@ -6,7 +6,7 @@ import importlib
 import os
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -28,6 +28,10 @@ SAFE_CHECKPOINTS = Version("2.10")
 """First torch whose ``weights_only=True`` no known file gets around (GHSA-63cw-57p8-fm3p)."""
 LIBRARIES = ("matplotlib", "numpy", "PIL", "pycolmap", "scipy", "tensorboard", "yaml")
 """Libraries that training imports."""
+
+
+WRITE_ACCESS = "write access"
+"""The check of the folder that the command is given in."""
 
 
 @dataclass(kw_only=True)
@@ -61,9 +65,15 @@ def run(tokens: list[str]) -> int:
         [[finding.what, finding.status, finding.details] for finding in findings],
     )
     broken = [finding.what for finding in findings if finding.status == "broken"]
-    console.say(f"broken: {', '.join(broken)}" if broken else "everything that is needed works")
+    console.say(f"broken: {', '.join(broken)}" if broken else _all_works(findings))
     console.result({"ok": not broken, "findings": [asdict(finding) for finding in findings]})
     return 1 if broken else 0
+
+
+def _all_works(findings: Sequence[Finding]) -> str:
+    """The verdict where nothing is broken, with what a run needs here."""
+    can_write = all(item.status == "ok" for item in findings if item.what == WRITE_ACCESS)
+    return f"everything that is needed works{'' if can_write else '; runs need out=DIR here'}"
 
 
 def _versions() -> Iterator[Finding]:
@@ -172,5 +182,5 @@ def _plugins(registry: Registry) -> Iterator[Finding]:
 def _write_access() -> Finding:
     here = Path.cwd()
     if os.access(here, os.W_OK):
-        return Finding("write access", "ok", f"runs go to {here / 'runs'}")
-    return Finding("write access", "missing", f"{here} cannot be written to; give out=DIR")
+        return Finding(WRITE_ACCESS, "ok", f"runs go to {here / 'runs'}")
+    return Finding(WRITE_ACCESS, "missing", f"{here} cannot be written to; give out=DIR")

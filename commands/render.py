@@ -57,7 +57,7 @@ class RenderOptions(RunOptions, DetailOptions):
     background: str = ""
     """Colour behind the scene: white, black, or r,g,b in [0, 1]. Empty: that of the training."""
     out: str = ""
-    """Folder for the images. Empty: renders/ in the run, or beside the model file."""
+    """Folder for the images and films. Empty: renders/ in the run, or beside the model file."""
     frames: int | None = None
     """Number of frames of each film. None: 60, or as the file of a camera path says."""
     fps: int | None = None
@@ -104,6 +104,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.runs import find_run, restore_run, warn_of_file
     from gsfw.commands.interface.splats_alone import or_splats_alone
     from gsfw.plugins.registry import installed
+    from gsfw.rendering.film import INSTALLATION
     from gsfw.rendering.request import render
 
     check_channels(options)
@@ -120,7 +121,8 @@ def run(arguments: list[str]) -> int:
     images, films = render(composition, request, out, console.say)
     console.say(f"{len(images)} images in {out}")
     for film in films:
-        console.say(f"film: {film}")
+        is_stand_in = options.video == "auto" and film.suffix == ".webp"
+        console.say(f"film: {film}{f' (mp4: {INSTALLATION})' if is_stand_in else ''}")
     console.result({"run": found.name, "written": [str(file) for file in images + films]})
     return 0
 

@@ -35,6 +35,9 @@ CODECS: Mapping[str, _Codec] = {
 }
 """The encoder of each format that needs PyAV: H.264 plays everywhere, VP9 is free of patents."""
 
+INSTALLATION = "pip install 'gsfw[video]'"
+"""Command that installs the encoders."""
+
 WEBP_KEY_FRAMES = (9, 60)
 """Least and largest distance of two frames that stand alone; the others hold what changes."""
 
@@ -61,8 +64,7 @@ def choose_format(asked: VideoFormat) -> VideoFormat:
         return "webp"
     raise UnavailableError(
         f"video={asked} needs an encoder, and {reason}.",
-        "Install it with: pip install 'gsfw[video]' (or: pip install av). "
-        "video=webp needs nothing more.",
+        f"Install it with: {INSTALLATION} (or: pip install av). video=webp needs nothing more.",
     )
 
 

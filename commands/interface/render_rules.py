@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.core.background import parse_background
@@ -25,6 +26,10 @@ AT_ONE_TIME = ("orbit", "path", "spiral")
 
 BEFORE_BACKGROUND = ("color", "photo", "error")
 """Channels that show the colour behind the scene."""
+
+
+FILM_SUFFIXES = ("mp4", "webm", "webp", "gif", "mov", "mkv", "avi", "m4v")
+"""Suffixes that a user who gives one wants a film for."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +180,21 @@ def check_options(options: RenderOptions) -> None:
         ConfigError: names the option, the cause and the remedy.
     """
     _check_numbers(options)
+    _check_folder(options)
     _check_rules(options, RULES)
+
+
+def _check_folder(options: RenderOptions) -> None:
+    """Refuse the name of a film as the folder."""
+    out = Path(options.out)
+    form = out.suffix.lower().removeprefix(".")
+    if form in FILM_SUFFIXES and not out.is_dir():
+        video = form if form in ("mp4", "webm", "webp") else "mp4"
+        raise ConfigError(
+            f"out={out}: a folder gets the frames, and the films beside them.",
+            f"Name the folder, and the format of the films: out={out.with_suffix('')} "
+            f"video={video}",
+        )
 
 
 def check_channels(options: RenderOptions) -> None:

@@ -194,6 +194,23 @@ def test_progress_of_a_script_is_on_standard_error(tmp_path, capsys):
     assert "gsfw view run" in err
 
 
+def test_a_setting_given_as_an_argument_is_told_where_it_belongs(finished_run, tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        train(method="3dgs", steps=9, downscale=4, **{"strategy.cap_max": 10})
+    assert str(caught.value) == (
+        "train has no argument 'downscale'.\n"
+        "If downscale is a setting, write settings={'downscale': 4, 'strategy.cap_max': 10}."
+    )
+    assert isinstance(caught.value, TypeError), "as Python's own error for such a call"
+    with pytest.raises(ConfigError, match=r"train has no argument 'step'\. Did you mean 'steps'"):
+        train(method="3dgs", step=9)
+    with pytest.raises(ConfigError, match=r"write settings=\{'log_every': 1\}"):
+        open_run(finished_run).resume(log_every=1)
+    with pytest.raises(TypeError, match="missing 1 required keyword-only argument: 'method'"):
+        train(steps=9)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 def test_a_time_is_planned_as_by_the_verb(tmp_path):
     with pytest.raises(ConfigError, match=r"minutes=0.001: that is 0 s, and loading, measuring"):

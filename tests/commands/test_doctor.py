@@ -46,6 +46,14 @@ def test_people_get_a_table_and_a_verdict(capsys):
     assert said.endswith("everything that is needed works\n")
 
 
+def test_in_a_folder_that_cannot_be_written_to_runs_need_another(capsys, monkeypatch):
+    monkeypatch.setattr("gsfw.commands.doctor.os.access", lambda path, mode: False)
+    assert main(["doctor"]) == 0
+    assert capsys.readouterr().out.endswith(
+        "everything that is needed works; runs need out=DIR here\n"
+    )
+
+
 def test_without_the_native_module_it_says_what_is_lost(capsys, monkeypatch):
     monkeypatch.setattr(native_module, "instruction_sets", list)
     assert main(["doctor", "json=true"]) == 0

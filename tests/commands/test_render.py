@@ -47,6 +47,31 @@ def render(run, out, *arguments) -> int:
     return main(["render", str(run), f"out={out}", *video, *arguments])
 
 
+@pytest.mark.parametrize(
+    ("name", "video"), [("o.mp4", "mp4"), ("o.WEBM", "webm"), ("o.gif", "mp4")]
+)
+def test_the_name_of_a_film_as_the_folder_is_refused_with_what_to_write(
+    name, video, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", "latest", "what=orbit", f"out={name}"]) == 2
+    assert capsys.readouterr().err == (
+        f"error: out={name}: a folder gets the frames, and the films beside them.\n"
+        f"Name the folder, and the format of the films: out=o video={video}\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_webp_in_place_of_an_mp4_says_what_an_mp4_needs(
+    finished_run, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "av", None)
+    orbit = ("render", str(finished_run), "what=orbit", "frames=1", "width=16")
+    for given, hint in (((), " (mp4: pip install 'gsfw[video]')"), (("video=webp",), "")):
+        assert main([*orbit, *given, f"out={tmp_path / 'r'}"]) == 0
+        assert f"film: {tmp_path / 'r' / 'orbit.webp'}{hint}\n" in capsys.readouterr().out
+
+
 def test_held_out_views_are_drawn_beside_their_photos_and_an_orbit(finished_run, tmp_path, capsys):
     out = tmp_path / "pictures"
     assert render(finished_run, out, "frames=4", "scale=0.5", "json=true") == 0
