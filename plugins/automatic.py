@@ -89,14 +89,17 @@ def _check_exists(path: Path) -> None:
 
 
 def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, str]:
-    lines = [f"data={path}: this is not a data set that can be read here. Looked for:"]
-    lines += [
-        f"  {name}: {seen.looked_for}" for name, seen in detections.items() if seen.looked_for
-    ]
-    explained = {seen.found: None for seen in detections.values() if seen.found}
+    """Message and advice: what was found instead, or else what was looked for."""
+    said = f"data={path}: this is not a data set that can be read here."
+    formats = {name: seen.looked_for for name, seen in detections.items() if seen.looked_for}
+    explained = dict.fromkeys(seen.found for seen in detections.values() if seen.found)
     if explained:
-        lines += [f"Found {found}." for found in explained]
-    elif path.is_dir():
+        return " ".join([said, *(f"Found {found}." for found in explained)]), (
+            f"Formats that have cameras: {', '.join(formats)}. If it is one of them, name it: "
+            "datamanager=NAME says what is wrong with it."
+        )
+    lines = [f"{said} Looked for:", *(f"  {name}: {sign}" for name, sign in formats.items())]
+    if path.is_dir():
         names = sorted(f"{item.name}/" if item.is_dir() else item.name for item in path.iterdir())
         more = f" and {len(names) - MAX_NAMES_SHOWN} more" if len(names) > MAX_NAMES_SHOWN else ""
         lines.append(f"The folder holds: {', '.join(names[:MAX_NAMES_SHOWN])}{more}.")

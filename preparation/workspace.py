@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.errors import OutputError
-from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors, without_new_folders
 from gsfw.core.files.folder_lock import LOCK, only_one
 
 OTHERS = "another gsfw prepare"
@@ -86,7 +86,7 @@ class Workspace:
 
     @contextmanager
     def claimed(self, inputs: tuple[Path, ...]) -> Iterator[None]:
-        """Take the folder, and keep it from others.
+        """Take the folder, and keep it from others; after an error nothing new and empty is left.
 
         Raises:
             OutputError: it holds something else or an input, is in use, or cannot be written to.
@@ -103,8 +103,24 @@ class Workspace:
                 f"(it holds {held[0].name}{' and more' if len(held) > 1 else ''}).",
                 "Give a new folder; nothing in this one was touched.",
             )
-        with only_one(self.work, OTHERS):
-            yield
+        is_new = not self.work.exists()
+        with without_new_folders(self.work), only_one(self.work, OTHERS):
+            try:
+                yield
+            except BaseException:
+                if is_new:
+                    self._remove_traces()
+                raise
+
+    def _remove_traces(self) -> None:
+        """Remove the lock and the log, if there is nothing else: no input was accepted.
+
+        The lock is held meanwhile, so that no other program takes it.
+        """
+        with suppress(OSError):
+            if {item.name for item in self.work.iterdir()} <= {LOCK, self.log.name}:
+                shutil.rmtree(self.log, ignore_errors=True)
+                (self.work / LOCK).unlink()
 
     def _check_apart(self, inputs: tuple[Path, ...]) -> None:
         """Check that no input lies where the result will be written.

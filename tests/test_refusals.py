@@ -69,10 +69,18 @@ def test_an_empty_folder_is_called_empty(refusal, tmp_path):
 
 
 def test_a_folder_of_no_known_format_is_told_what_was_looked_for(refusal, tmp_path):
-    write_image(tmp_path / "photos" / "one.png")
-    said = refusal(f"data={tmp_path / 'photos'}")
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "one.txt").touch()
+    said = refusal(f"data={tmp_path / 'notes'}")
     assert "Looked for:" in said
     assert "transforms.json" in said
+
+
+def test_photos_without_cameras_are_told_how_to_get_them_in_the_first_line(refusal, tmp_path):
+    write_image(tmp_path / "photos" / "one.png")
+    said = [line for line in refusal(f"data={tmp_path / 'photos'}").splitlines() if "data=" in line]
+    assert "Found 1 images, but no cameras; compute them with gsfw prepare " in said[0]
+    assert said[0].endswith("out=DIR, and give that folder.")
 
 
 def test_a_colmap_model_without_images_is_refused(refusal, colmap):

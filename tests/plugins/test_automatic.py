@@ -98,13 +98,13 @@ def test_nothing_recognised_lists_what_was_looked_for_and_what_is_there(tmp_path
     )
 
 
-def test_what_a_format_found_instead_is_said_once(tmp_path):
+def test_what_a_format_found_instead_is_said_first_and_once(tmp_path):
     (tmp_path / "hint").touch()
-    assert data_refusal(tmp_path).splitlines()[1:-1] == [
-        "  apples: apples.txt",
-        "  pears: pears.txt",
-        "Found a hint.",
-    ]
+    assert data_refusal(tmp_path) == (
+        f"data={tmp_path}: this is not a data set that can be read here. Found a hint.\n"
+        "Formats that have cameras: apples, pears. If it is one of them, name it: "
+        "datamanager=NAME says what is wrong with it."
+    )
 
 
 def test_the_rasterizer_is_the_preferred_one_that_meets_every_need():

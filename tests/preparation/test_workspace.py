@@ -2,7 +2,7 @@
 
 import pytest
 
-from gsfw.core.errors import OutputError
+from gsfw.core.errors import DataError, OutputError
 from gsfw.preparation.workspace import Workspace
 
 
@@ -89,6 +89,35 @@ def test_what_stages_left_is_removed(tmp_path):
         assert sorted(item.name for item in place.path.iterdir()) == ["work"]
     with place.claimed(()):
         pass
+
+
+def fail_with(place, *made):
+    """Take the folder, make something in it, and fail."""
+    with place.claimed(()):
+        place.log.mkdir()
+        (place.log / "colmap-INFO").touch()
+        for name in made:
+            (place.work / name).touch()
+        raise DataError("no image can be used.")
+
+
+def test_nothing_is_left_of_inputs_that_are_refused(tmp_path):
+    with pytest.raises(DataError):
+        fail_with(Workspace(tmp_path / "prepared" / "out"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_the_work_of_a_stage_stays_after_an_error(tmp_path, before):
+    place = Workspace(tmp_path / "out")
+    if before:
+        with place.claimed(()):
+            pass
+    with pytest.raises(DataError):
+        fail_with(place, *(() if before else ("database.db",)))
+    assert place.work.is_dir()
+    with place.claimed(()):
+        assert (place.work / "database.db").exists() is not before
 
 
 def test_a_file_in_the_place_of_the_folder_is_told(tmp_path):
