@@ -204,7 +204,8 @@ class Resolving:
         given = dict(final)
         for layer in self._layers:
             own = layer.rank < Rank.GIVEN
-            in_force = {**final, **PRESET_CHOICES, **usual} if own else given
+            assumed = PRESET_CHOICES if layer.rank <= Rank.PRESET else DEFAULT_CHOICES
+            in_force = {**final, **assumed, **usual} if own else given
             for slot in SLOT_KEYS:
                 if slot in layer.values:
                     name = as_text(layer.values[slot])

@@ -2,6 +2,8 @@
 
 import pytest
 
+from gsfw.datamanagers.transforms import TransformsConfig
+from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 
@@ -33,3 +35,13 @@ def test_a_still_scene_can_be_asked_for_and_data_have_no_such_setting(method):
 def test_every_preset_keeps_the_motion_and_a_method_for_still_scenes_has_none():
     assert settings("spacetime", preset="freetime").flat()["datamanager.moving"] is True
     assert settings("3dgs").flat()["datamanager.moving"] is False
+
+
+def test_a_preset_for_other_data_and_what_these_recommend_keep_their_settings(monkeypatch):
+    presets = {"masked": {"datamanager": "transforms", "datamanager.masks": "none"}}
+    monkeypatch.setattr(SpacetimeConfig, "presets", SpacetimeConfig.presets | presets)
+    flat = settings("spacetime", preset="masked", data="capture").flat()
+    assert (flat["datamanager"], flat["datamanager.masks"]) == ("transforms", "none")
+    monkeypatch.setattr(TransformsConfig, "recommended", {"datamanager.masks": "none"})
+    flat = settings("spacetime", data="capture", datamanager="transforms").flat()
+    assert flat["datamanager.masks"] == "none"
