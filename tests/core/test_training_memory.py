@@ -100,4 +100,5 @@ def test_a_run_takes_about_what_is_estimated(tmp_path):
         time.sleep(0.01)
     assert run.returncode == 0
     need = TrainingMemory(rows, USUAL_ROW, rows, 32 * 24, 1e5).total
-    assert CERTAIN * need < peak < 1.15 * need  # 0.94 in November 2026.
+    more = 0.0 if torch.version.cuda is None else 150e6  # Of a build for GPUs, on the CPU too.
+    assert CERTAIN * need < peak < 1.15 * need + more  # 0.94 in November 2026.
