@@ -140,7 +140,7 @@ class Session:
                 continue
             ended = self._watched(program, tool, tool)
             summary = re.findall(r"ERROR SUMMARY: .*|RACECHECK SUMMARY: .*", ended.output)
-            problem = ended.problem or (self._blindness(program) if tool == "memcheck" else "")
+            problem = ended.problem or (self._missed_overrun(program) if tool == "memcheck" else "")
             told = "; ".join(filter(None, [problem, *summary])) or "it found nothing"
             self._report.add(tool, "failed" if problem else "ok", told, ended.seconds)
 
@@ -153,8 +153,8 @@ class Session:
         environment = {**self._environment, "PYTORCH_NO_CUDA_MEMORY_CACHING": "1"}
         return self._run(name, command, min(SANITIZER_SECONDS, self.left()), environment)
 
-    def _blindness(self, program: str) -> str:
-        """What is wrong if memcheck does not see a planted fault; empty if it does."""
+    def _missed_overrun(self, program: str) -> str:
+        """The fault to report if memcheck does not see a planted overrun; empty if it does."""
         planted = self._watched(program, "memcheck", "memcheck of an overrun", "overrun")
         seen = re.search(r"ERROR SUMMARY: [1-9]", planted.output)
         return "" if seen else "it does not see a planted overrun, so that it proves nothing"

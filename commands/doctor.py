@@ -28,8 +28,6 @@ SAFE_CHECKPOINTS = Version("2.10")
 """First torch whose ``weights_only=True`` no known file gets around (GHSA-63cw-57p8-fm3p)."""
 LIBRARIES = ("matplotlib", "numpy", "PIL", "pycolmap", "scipy", "tensorboard", "yaml")
 """Libraries that training imports."""
-
-
 WRITE_ACCESS = "write access"
 """The check of the folder that the command is given in."""
 

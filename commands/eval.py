@@ -131,13 +131,16 @@ def _written(
     from gsfw.charts.time_plot import write_time_plot
     from gsfw.core.errors import OutputError
 
+    files: list[Path] = []
     try:
         folder.write_json(path, document)
+        files.append(path)
         plot = write_time_plot(path, evaluation)
+        files += [] if plot is None else [plot]
     except OutputError as error:
-        console.warn(f"{error.message} The figures are printed only; json=true prints all of them.")
-        return []
-    return [path] if plot is None else [path, plot]
+        only = "" if files else " The figures are printed only; json=true prints all of them."
+        console.warn(f"{error.message}{only}")
+    return files
 
 
 def _show_views(console: Console, evaluation: Evaluation, title: str) -> None:

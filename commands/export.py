@@ -263,13 +263,16 @@ class _Export:
         if form == PLY or not len(taken.splats) or not is_comparable(path, self.exporter, registry):
             return UNKNOWN  # A PLY has the values as they are.
         if len(taken.splats) > MOST_COMPARED:
-            again = f"gsfw convert {self.found.name} {path} format={form} check=true"
-            self.console.say(f"format {form} may round values; to measure that: {again}")
+            again = f"gsfw convert {self.found.name} FILE format={form} check=true"
+            self.console.say(
+                f"format {form} may round values; {again} writes another file and compares it"
+            )
             return UNKNOWN
         loss = file_loss(path, form, taken, registry)
-        self.console.say(
-            "\n".join(filter(None, (loss.degree_line, f"PSNR against the model {loss}")))
-        )
+        is_cut = self.options.keep != 1 or self.options.sh_degree is not None
+        model = "the model after keep= and sh_degree=" if is_cut else "the model"
+        lines = filter(None, (loss.degree_line, f"PSNR against {model} {loss}"))
+        self.console.say("\n".join(lines))
         notes += loss.notes
         return loss.document()
 

@@ -74,11 +74,21 @@ def _flag(tokens: list[str], name: str) -> bool:
         return f"--{name}" in tokens
 
 
+def _first_word(tokens: list[str]) -> str:
+    """The first word that is no setting; empty if there is none, or the line is invalid."""
+    try:
+        return next(iter(parse(tokens).words), "")
+    except UserError:
+        return ""
+
+
 def _run(tokens: list[str], console: Console) -> int:
     if not tokens or tokens[0] in HELP:
-        if not parse(tokens[1:]).words:
+        topic = _first_word(tokens[1:])
+        if not topic or topic in HELP:
             raise HelpRequested(main_help(installed()))
-        tokens = [*tokens[1:], "--help"]  # gsfw help train.
+        rest = [token for token in tokens[1:] if token != topic]
+        tokens = [topic, *rest, "--help"]  # gsfw help train.
     if tokens[0] in ("--version", "version"):
         console.say(f"{PROJECT} {metadata.version(PROJECT)}")
         console.result({PROJECT: metadata.version(PROJECT)})

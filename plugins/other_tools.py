@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -83,11 +84,14 @@ nerfstudio. A key of a group that the chosen part does not have is not suggested
 
 
 def equivalent(given: str, known: list[str]) -> str:
-    """The known name for a word of another tool; empty if there is none.
+    """The known name for a word of another tool, or one misspelt; empty if there is none.
 
     Args:
         given: a name, or a key whose groups do not count.
         known: what may be suggested.
     """
-    found = EQUIVALENTS.get(given.rpartition(".")[2], "")
+    word = given.rpartition(".")[2]
+    ours = [name.rpartition(".")[2] for name in known]
+    near = difflib.get_close_matches(word, [*EQUIVALENTS, *ours], 1, cutoff=0.8)
+    found = EQUIVALENTS.get(near[0], "") if near else ""
     return found if found in known else ""

@@ -102,13 +102,12 @@ def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) ->
     given = changed is not None and "data" in changed.values
     if given or not is_gone(data):
         return
-    alone = f" gsfw view {folder.splats} needs neither." if folder.splats.is_file() else ""
     model = folder.path / "model.gsfw"
-    hint = f"where the data set is, gsfw export {folder.path} format=gsfw makes one"
+    shown = model if model.is_file() else folder.splats
+    alone = f" Or look at the splats without it: gsfw view {shown}." if shown.is_file() else ""
     raise DataError(
         f"{folder.path} was trained on {data}, and there is no such file or folder any more.",
-        "Say where the data set is now: data=PATH. (A model file needs none; "
-        f"{f'there is one: {model}' if model.is_file() else hint}.{alone})",
+        f"Say where the data set is now: data=PATH.{alone}",
     )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors, without_new_folders
-from gsfw.core.files.folder_lock import LOCK, only_one
+from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
 
 OTHERS = "another gsfw prepare"
 
@@ -118,9 +118,10 @@ class Workspace:
         The lock is held meanwhile, so that no other program takes it.
         """
         with suppress(OSError):
-            if {item.name for item in self.work.iterdir()} <= {LOCK, self.log.name}:
+            if {item.name for item in self.work.iterdir()} <= {LOCK, CLAIM, self.log.name}:
                 shutil.rmtree(self.log, ignore_errors=True)
-                (self.work / LOCK).unlink()
+                for name in (LOCK, CLAIM):
+                    (self.work / name).unlink(missing_ok=True)
 
     def _check_apart(self, inputs: tuple[Path, ...]) -> None:
         """Check that no input lies where the result will be written.

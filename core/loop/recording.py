@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import Protocol, runtime_checkable
+from weakref import WeakKeyDictionary
 
 import torch
 
@@ -69,17 +70,18 @@ class CudaRecorder(Recorder):
         self._pool = torch.cuda.graph_pool_handle()
         # torch forgets a pool that no graph uses, and then refuses it.
         self._keeper: torch.cuda.CUDAGraph | None = None
-        self._reserved = self._used = self._first = 0
-        """Bytes of the pool, those of tensors in it, and those that the first rows took."""
+        self._reserved = self._first = 0
+        """Bytes of the pool, and those that the first rows took."""
+        self._used: WeakKeyDictionary[_CudaRecording, int] = WeakKeyDictionary()
+        """Bytes of the tensors that each recording keeps."""
 
     @property
     def idle_memory(self) -> int:
         """Bytes of the pool without those of tensors in it."""
-        return max(self._reserved - self._used, 0)
+        return max(self._reserved - sum(self._used.values()), 0)
 
     def release(self, at_once: bool = False) -> None:
         """Begin another pool, if this one has outgrown what recordings need."""
-        self._used = 0
         self._first = self._first or self._reserved
         if at_once or self._reserved > OUTGROWN * self._first:
             self._pool, self._keeper = torch.cuda.graph_pool_handle(), None
@@ -105,10 +107,11 @@ class CudaRecorder(Recorder):
         reserved, used = torch.cuda.memory_reserved, torch.cuda.memory_allocated
         before = reserved(self._device), used(self._device)
         try:
-            return _CudaRecording(self._captured(work))
+            recording = _CudaRecording(self._captured(work))
         finally:
             self._reserved += reserved(self._device) - before[0]
-            self._used += used(self._device) - before[1]
+        self._used[recording] = used(self._device) - before[1]
+        return recording
 
     def _captured(self, work: Callable[[], object]) -> torch.cuda.CUDAGraph:
         graph = torch.cuda.CUDAGraph()

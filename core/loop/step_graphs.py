@@ -16,6 +16,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
+from traceback import clear_frames
 
 import torch
 from jaxtyping import Float64
@@ -125,11 +126,17 @@ class StepGraphs:
         if graph is None:
             return work(inputs, step)
         known.graph = graph
-        return self._replayed(graph, inputs, step)
+        try:
+            return self._replayed(graph, inputs, step)
+        except torch.OutOfMemoryError as error:  # Nothing has been launched.
+            reason = _reason(error)
+        self._give_up_step()
+        self._end(reason)
+        return work(inputs, step)
 
     def drop(self) -> bool:
-        """Give back the memory of all graphs; false if there were none. Others may follow."""
-        had = any(kind.graph is not None for kind in self._kinds.values())
+        """Give back the memory of all graphs; false if there was none. Others may follow."""
+        had = any(kind.graph is not None for kind in self._kinds.values()) or self.idle_memory > 0
         for kind in self._kinds.values():
             kind.graph = None
         if had and self._recorder is not None:
@@ -189,14 +196,13 @@ class StepGraphs:
         return found
 
     def _make_place(self) -> None:
-        """Forget, of too many kinds, the one without a graph or without use for the longest."""
+        """Forget, of too many kinds, the one that was not used for the longest time."""
         if len(self._kinds) < MOST_GRAPHS:
             return
-        for name, kind in self._kinds.items():
-            if kind.graph is None or kind.used < self._steps - UNUSED_STEPS:
-                del self._kinds[name]
-                return
-        if not self._told_of_more:
+        name, oldest = next(iter(self._kinds.items()))
+        if oldest.used < self._steps - UNUSED_STEPS:
+            del self._kinds[name]
+        elif not self._told_of_more:
             self._told_of_more = True
             logger.info(
                 "steps have more than %d kinds (sizes and numbers of images): not all of them are "
@@ -209,20 +215,17 @@ class StepGraphs:
 
         Where memory is full, a second attempt has that of all other graphs.
         """
-        try:
+        for is_last in (False, True):
             try:
                 return self._record(inputs, step, work)
-            except torch.OutOfMemoryError:
-                self._give_up_step()
-                if not self.drop():
-                    raise
-                return self._record(inputs, step, work)
-        except (RuntimeError, UnavailableError) as error:
+            except (RuntimeError, UnavailableError) as error:
+                is_full, reason = isinstance(error, torch.OutOfMemoryError), _reason(error)
+                clear_frames(error.__traceback__)  # They hold the tensors of this attempt.
             self._give_up_step()
-            reason = str(error).partition("\n")[0]
-            logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
-            self._end()
-            return None
+            if is_last or not (is_full and self.drop()):
+                break
+        self._end(reason)
+        return None
 
     def _record(self, inputs: StepInputs, step: int, work: Work) -> _Graph:
         assert self._recorder is not None
@@ -239,12 +242,13 @@ class StepGraphs:
         return _Graph(recording, own, outcomes[0], gradients)
 
     def _give_up_step(self) -> None:
-        """Drop the results of a step that was not recorded to its end."""
+        """Drop the results of a step that was not recorded to its end, or not launched."""
         self._parts.optimizer.zero_gradients()
         self._parts.rasterizer.fits()  # The flags of images that were never rendered.
 
-    def _end(self) -> None:
-        """Record no more steps."""
+    def _end(self, reason: str) -> None:
+        """Record no more steps, and say why."""
+        logger.warning("steps are not recorded in CUDA graphs, which takes time: %s", reason)
         recorder, self._recorder = self._recorder, None
         self._kinds.clear()
         if recorder is not None:
@@ -261,6 +265,8 @@ class StepGraphs:
             logger.info("images of recorded steps had no room; the next recordings have more")
             self._parts.rasterizer.make_room()
             self._kinds.clear()
+            if self._recorder is not None:
+                self._recorder.release()
         pairs = zip(graph.outcome.rendered, inputs.batches, strict=True)
         return replace(graph.outcome, rendered=[_shown(*pair, step) for pair in pairs])
 
@@ -298,8 +304,8 @@ class _Rates:
     def _send(self, step: int) -> None:
         steps = range(step, step + RATE_STEPS)
         rows = [list(self._optimizer.learning_rates(number).values()) for number in steps]
-        self._begin = step
         self._table = torch.tensor(rows, dtype=torch.float64).to(self._device)
+        self._begin = step
 
 
 class _Look:
@@ -320,6 +326,11 @@ class _Look:
         if self._event is not None:
             self._event.record()
         return self._known > known
+
+
+def _reason(error: Exception) -> str:
+    """The first line of a message."""
+    return str(error).partition("\n")[0]
 
 
 def _detached(outcome: Outcome) -> Outcome:

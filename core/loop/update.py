@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from traceback import clear_frames
 from typing import Any
 
 import torch
@@ -107,13 +108,19 @@ class Update:
 
         if self._graphs is None:
             return self._worked(forward, batches, settings, views, step)
+        inputs, outcome = StepInputs(batches, settings), None
         try:
-            outcome = self._graphs.run(StepInputs(batches, settings), step, work)
-        except torch.OutOfMemoryError:
-            if self.is_underway or not self._graphs.drop():
+            outcome = self._graphs.run(inputs, step, work)
+        except torch.OutOfMemoryError as error:
+            if self.is_underway:
                 raise
+            clear_frames(error.__traceback__)  # They hold the images of this attempt.
+            full = error
+        if outcome is None:
             self._parts.optimizer.zero_gradients()
-            outcome = work(StepInputs(batches, settings), step)
+            if not self._graphs.drop():
+                raise full
+            outcome = work(inputs, step)
         self.is_underway = True  # A replay changes parameters without passing through ``work``.
         return outcome
 
@@ -133,7 +140,7 @@ class Update:
         with clock.stage("optimize"):
             finite = self._complete(rendered)
             visible = self._visible(rendered) if parts.optimizer.sparse else None
-            self.is_underway = True
+            self.is_underway = rates is None  # With rates, the step is recorded and not run.
             parts.optimizer.step(step, finite, visible, rates)
             parts.model.project_()
             parts.corrections.project_()

@@ -84,6 +84,8 @@ class Contributions:
         """Restore the contributions that ``state_dict`` returned."""
         found = Contributions(0, state["total"].device)
         found._largest, found._total = state["largest"].clone(), state["total"].clone()
-        found._counted = state["counted"].clone()
+        # Checkpoints of before November 2026 have no such number.
+        counted = state.get("counted", state["pictures"])
+        found._counted = torch.as_tensor(counted, dtype=torch.float32).to(found._total.device)
         found._pictures, found._views = state["pictures"], set(state["views"])
         return found

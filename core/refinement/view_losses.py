@@ -22,6 +22,8 @@ class _Visit:
     width: int
     """Width in pixels: smaller images have less detail, and smaller losses."""
     loss: Tensor
+    counts: Tensor | bool = True
+    """False where no step that counts has rendered the view so far."""
 
 
 class ViewLosses:
@@ -35,7 +37,8 @@ class ViewLosses:
         self._last: dict[int, _Visit] = {}
         self._loss: Tensor | float = 0.0
         self._gain: Tensor | float = 0.0
-        self._visits = self._compared = 0
+        self._visits: Tensor | int = 0
+        self._compared = 0
 
     @torch.no_grad()
     def add(self, context: StepContext, statistics: RenderStatistics) -> None:
@@ -45,7 +48,7 @@ class ViewLosses:
             context: the batch.
             statistics: of it; zeros where the step has changed nothing.
         """
-        counts = statistics.visible.any(1)
+        counted = statistics.visible.any(1)
         width = context.batch.cameras.width
         errors = (context.rendered.color - context.target).abs()
         valid = context.batch.valid
@@ -54,13 +57,16 @@ class ViewLosses:
             found = masked_mean(errors[here], None if valid is None else valid[here])
             last = self._last.get(view)
             before = found.new_zeros(()) if last is None else last.loss
-            loss = torch.where(found.isfinite() & counts[place], found, before)
+            known = torch.as_tensor(False if last is None else last.counts).to(counted)
+            is_new = found.isfinite() & counted[place]
+            loss, counts = torch.where(is_new, found, before), is_new | known
             if last is not None and last.width == width and last.step < context.step:
-                self._gain = self._gain + (before - loss) / (context.step - last.step)
+                gain = (before - loss) * known
+                self._gain = self._gain + gain / (context.step - last.step)
                 self._compared += 1
             self._loss = self._loss + loss
-            self._visits += 1
-            self._last[view] = _Visit(context.step, width, loss)
+            self._visits = self._visits + counts
+            self._last[view] = _Visit(context.step, width, loss, counts)
 
     @property
     def num_compared(self) -> int:
@@ -70,7 +76,7 @@ class ViewLosses:
     @property
     def mean_loss(self) -> float:
         """Mean over all visits since the last ``clear``."""
-        return float(self._loss) / max(self._visits, 1)
+        return float(self._loss) / max(float(self._visits), 1.0)
 
     @property
     def gain_per_step(self) -> float:
@@ -88,7 +94,10 @@ class ViewLosses:
 
     def state_dict(self) -> dict[str, Any]:
         """The last visits, and the sums."""
-        last = {view: (visit.step, visit.width, visit.loss) for view, visit in self._last.items()}
+        last = {
+            view: (visit.step, visit.width, visit.loss, visit.counts)
+            for view, visit in self._last.items()
+        }
         sums = {"loss": self._loss, "gain": self._gain}
         return {"last": last, **sums, "visits": self._visits, "compared": self._compared}
 

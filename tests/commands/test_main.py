@@ -61,6 +61,8 @@ def test_help_on_a_verb_is_asked_for_before_it_or_after_it():
     assert asked.startswith("usage: gsfw eval RUN")
     assert gsfw("help", "eval").stdout == asked
     assert gsfw("--help", "eval").stdout == asked
+    assert json.loads(gsfw("help", "json=true", "eval").stdout)["help"] + "\n" == asked
+    assert gsfw("help", "help").stdout == gsfw("--help", "--version").stdout == gsfw().stdout
     assert "Did you mean 'eval'?" in gsfw("help", "evla").stderr
 
 

@@ -197,15 +197,14 @@ def test_a_run_whose_data_moved_says_where_it_was_and_what_to_do(
     assert main(["export", str(run)]) == 2
     assert capsys.readouterr().err == (
         f"error: {run} was trained on {capture}, and there is no such file or folder any more.\n"
-        "Say where the data set is now: data=PATH. (A model file needs none; where the data set "
-        f"is, gsfw export {run} format=gsfw makes one. "
-        f"gsfw view {run}/splats.ply needs neither.)\n"
+        "Say where the data set is now: data=PATH. "
+        f"Or look at the splats without it: gsfw view {run}/splats.ply.\n"
     )
     assert main(["export", str(run), f"data={without_data}", "format=gsfw"]) == 0
     capsys.readouterr()
     assert main(["eval", str(run)]) == 2
     told = capsys.readouterr().err
-    assert f"(A model file needs none; there is one: {run}/model.gsfw. gsfw view {run}" in told
+    assert f"without it: gsfw view {run}/model.gsfw." in told
 
 
 def test_a_model_file_cannot_go_on_and_holds_one_state(model, capsys):

@@ -2,7 +2,7 @@
 
 from gsfw.plugins.keys import SLOT_KEYS, keys
 from gsfw.plugins.loading import load_all
-from gsfw.plugins.other_tools import EQUIVALENTS
+from gsfw.plugins.other_tools import EQUIVALENTS, equivalent
 from gsfw.plugins.registry import did_you_mean, installed
 
 
@@ -27,3 +27,8 @@ def test_no_setting_of_ours_counts_as_a_word_of_another_tool():
 def test_no_setting_is_taken_for_a_misspelt_method():
     names = own_names() - {"method"}
     assert [name for name in names if did_you_mean(name, ["method"])] == []
+
+
+def test_a_misspelt_word_of_another_tool_is_answered_with_ours():
+    assert equivalent("iteration", ["steps", "validation"]) == "steps"
+    assert equivalent("valdation", ["steps", "validation"]) == ""

@@ -76,7 +76,7 @@ def test_other_runs_keep_their_error_which_says_what_is_left(run, change, capsys
     assert main(["export", str(run), f"out={run / 'a.spz'}"]) == 2
     told = capsys.readouterr().err
     assert "there is no such file or folder any more." in told
-    assert (f"gsfw view {run}/splats.ply needs neither." in told) == (change != "no splats")
+    assert (f"without it: gsfw view {run}/splats.ply." in told) == (change != "no splats")
 
 
 def test_what_needs_photos_or_another_state_is_not_served_by_splats(run, capsys):

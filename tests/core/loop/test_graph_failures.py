@@ -1,6 +1,7 @@
 """Recordings that fail, graphs that are given up, and kinds of steps beyond their number."""
 
 import logging
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -46,6 +47,16 @@ def failing(work, times: int, failure=full):
         if next(left, None) is not None:
             failure()
         return work(*arguments)
+
+    return attempt
+
+
+def unlaunched(record):
+    """Record as usual, but recordings that cannot be launched."""
+
+    def attempt(work):
+        record(work)
+        return SimpleNamespace(replay=full)
 
     return attempt
 
@@ -99,6 +110,27 @@ def test_a_step_that_finds_memory_full_has_that_of_the_graphs(tmp_path, monkeypa
         run.steps(1)
 
 
+def test_a_recording_whose_launch_finds_memory_full_is_the_last(tmp_path, monkeypatch, caplog):
+    run, usual = Run(tmp_path / "a", True, **STATIC), Run(tmp_path / "b", False, **STATIC)
+    released = Released(run, monkeypatch)
+    monkeypatch.setattr(run.recorder, "record", unlaunched(run.recorder.record))
+    with caplog.at_level(logging.WARNING):
+        assert run.steps(6) == usual.steps(6)
+    assert len(caplog.records) == 1
+    assert released.told[-1]
+    assert run.recorder.recorded == 1
+
+
+def test_memory_of_earlier_graphs_is_given_back_where_there_is_none_now(tmp_path, monkeypatch):
+    run = Run(tmp_path, True, **STATIC)
+    run.steps(1)
+    released = Released(run, monkeypatch)
+    monkeypatch.setattr(type(run.recorder), "idle_memory", 5)
+    monkeypatch.setattr(run.rasterizer, "_render", failing(run.rasterizer._render, 1))
+    run.steps(1)
+    assert released.told[-1]
+
+
 def test_graphs_of_other_rows_are_forgotten_at_once(tmp_path, monkeypatch):
     run = Run(tmp_path, True, **STATIC)
     run.steps(4)
@@ -145,11 +177,20 @@ def test_kinds_beyond_their_number_are_run_as_usual_and_told_once(tmp_path, monk
 def test_kinds_that_do_not_come_again_make_place_for_others(tmp_path, monkeypatch):
     monkeypatch.setattr(step_graphs, "MOST_GRAPHS", 2)
     run = Run(tmp_path, True, **STATIC)
+    monkeypatch.setattr(step_graphs, "UNUSED_STEPS", 3)
     alternating(monkeypatch, 10**6)  # No step is like another one.
     run.steps(6)
     assert kinds(run) == [False, False]
     alternating(monkeypatch, 2)
-    run.steps(4)
+    run.steps(8)
+    assert kinds(run) == [True, True]
+
+
+def test_of_more_kinds_in_turn_the_first_ones_are_recorded(tmp_path, monkeypatch):
+    monkeypatch.setattr(step_graphs, "MOST_GRAPHS", 2)
+    run = Run(tmp_path, True, **STATIC)
+    alternating(monkeypatch, 3)
+    run.steps(9)
     assert kinds(run) == [True, True]
 
 

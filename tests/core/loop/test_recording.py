@@ -81,7 +81,7 @@ class FakeGraph:
 
 
 class Driver:
-    """What a recorder asks of torch, and the memory that there is."""
+    """Stands in for the functions of torch that a recorder calls."""
 
     def __init__(self, monkeypatch) -> None:
         self.told: list[str] = []
@@ -178,9 +178,12 @@ def test_a_pool_that_was_outgrown_is_given_back(driver, recorder):
 
 
 def test_memory_of_the_pool_without_its_tensors_is_idle(driver, recorder):
-    recorder.record(driver.takes(100, used=30))
-    recorder.record(driver.takes(0, used=10))
+    first = recorder.record(driver.takes(100, used=30))
+    second = recorder.record(driver.takes(0, used=10))
     assert recorder.idle_memory == 60
+    del first
+    assert recorder.idle_memory == 90
+    del second
     recorder.release()
     assert recorder.idle_memory == 100
     recorder.release(at_once=True)

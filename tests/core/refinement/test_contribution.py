@@ -50,3 +50,9 @@ def test_a_restored_state_goes_on_and_is_a_copy():
         each.add(*look([1.0, 1.0], views=(3,)))
     assert_same_bits(seen.state_dict(), again.state_dict())
     assert seen.num_views == 2
+
+
+def test_a_state_of_before_pictures_were_counted_apart_is_read():
+    state = gathered(2, look([3.0, 0.6])).state_dict()
+    del state["counted"]
+    assert Contributions.restored(state).mean.tolist() == pytest.approx([0.5, 0.1])

@@ -51,6 +51,16 @@ def test_a_step_whose_statistics_are_zeros_has_changed_nothing():
     losses.add(*look([0.0], step=2, loss=0.9))
     losses.add(*look([1.0], step=4, loss=0.3))
     assert losses.gain_per_step == pytest.approx((0.0 + 0.1) / 2)
+    assert losses.mean_loss == pytest.approx((0.5 + 0.5 + 0.3) / 3)
+
+
+def test_a_view_that_no_step_has_rendered_so_far_is_not_compared():
+    losses = ViewLosses()
+    losses.add(*look([0.0], step=0, loss=0.9))
+    losses.add(*look([1.0], step=2, loss=0.5))
+    losses.add(*look([1.0], step=4, loss=0.3))
+    assert losses.gain_per_step * losses.num_compared == pytest.approx(0.1)
+    assert losses.mean_loss == pytest.approx((0.5 + 0.3) / 2)
 
 
 def test_pictures_of_another_size_are_not_compared():

@@ -33,8 +33,8 @@ LAUNCHES = [
 """Wider images take a second pass to sort by tile."""
 
 MOST_OPERATIONS = 103
-"""Of torch 2.6; 2.13 has 98. More than half of them are views, allocations, and what the watch
-itself adds."""
+"""Operations of torch 2.6; 2.13 has 98. More than half of them are views, allocations, and what the
+watch itself adds."""
 
 # Whole compositions; shapes are checked by the tests of the parts.
 pytestmark = pytest.mark.unchecked
