@@ -130,6 +130,7 @@ class StepGraphs:
             return self._replayed(graph, inputs, step)
         except torch.OutOfMemoryError as error:  # Nothing has been launched.
             reason = _reason(error)
+        graph = known.graph = None  # Else its memory would stay during the step.
         self._give_up_step()
         self._end(reason)
         return work(inputs, step)
