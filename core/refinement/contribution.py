@@ -85,7 +85,6 @@ class Contributions:
         found = Contributions(0, state["total"].device)
         found._largest, found._total = state["largest"].clone(), state["total"].clone()
         # Checkpoints of before November 2026 have no such number.
-        counted = state.get("counted", state["pictures"])
-        found._counted = torch.as_tensor(counted, dtype=torch.float32).to(found._total.device)
+        found._counted += state.get("counted", state["pictures"])
         found._pictures, found._views = state["pictures"], set(state["views"])
         return found

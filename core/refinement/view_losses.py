@@ -57,7 +57,7 @@ class ViewLosses:
             found = masked_mean(errors[here], None if valid is None else valid[here])
             last = self._last.get(view)
             before = found.new_zeros(()) if last is None else last.loss
-            known = torch.as_tensor(False if last is None else last.counts).to(counted)
+            known = False if last is None else last.counts
             is_new = found.isfinite() & counted[place]
             loss, counts = torch.where(is_new, found, before), is_new | known
             if last is not None and last.width == width and last.step < context.step:

@@ -250,7 +250,7 @@ def test_its_parts_train_together_and_with_built_in_ones(site, tmp_path):
 
     result = gsfw(site, "dots", "train", "method=3dgs", "strategy=still", *SMALL, "--dry-run")
     assert result.returncode == 0, result.stderr
-    assert "method 3dgs, strategy still" in result.stdout
+    assert "method 3dgs, growth by still" in result.stdout
 
 
 @pytest.mark.slow
