@@ -68,8 +68,8 @@ class Views:
     def groups(self, indices: Sequence[int]) -> list[tuple[int, ...]]:
         """Split ``indices`` into runs that may share a batch: one time, one size, one model.
 
-        Those of most views come first, and then those of the smallest images: steps with the same
-        numbers and sizes of images have them in the same order.
+        Groups of most views come first, then those of the smallest images, so that steps with the
+        same numbers and sizes of images have them in the same order.
         """
         grouped: dict[tuple[float | None, int, int, CameraModel], list[int]] = {}
         for index in indices:

@@ -50,7 +50,7 @@ class Recorder(ABC):
 
 
 ENDS = ("_cuda_endAllocateToPool", "_cuda_endAllocateCurrentStreamToPool")
-"""Functions of torch that end the allocations of a capture; the second one before torch 2.7."""
+"""Functions of torch that end the allocations of a capture; torch 2.6 has the second one only."""
 
 OUTGROWN = 2
 """Multiple of what the recordings of some rows took at which a pool is given back: further ones,
@@ -130,14 +130,14 @@ class CudaRecorder(Recorder):
         """End a capture that has failed, for CUDA and for torch's allocator.
 
         Where CUDA says that it has failed, torch leaves its allocator as during a capture: memory
-        would neither be given back nor be released (``CUDAGraph::capture_end`` of torch 2.6 to
-        2.13).
+        would neither be given back nor be released (``CUDAGraph::capture_end``, read in torch 2.13).
         """
         with suppress(RuntimeError):  # The capture has failed, and says so again.
             graph.capture_end()
-        end = next(getattr(torch._C, name) for name in ENDS if hasattr(torch._C, name))
-        with suppress(RuntimeError):  # Allocations have ended, and the graph releases its pool.
-            end(self._stream.device_index, self._pool)
+        names = (name for name in ENDS if hasattr(torch._C, name))
+        # Allocations have ended, and the graph releases its pool; or torch has neither function.
+        with suppress(RuntimeError, StopIteration):
+            getattr(torch._C, next(names))(self._stream.device_index, self._pool)
             torch._C._cuda_releasePool(self._stream.device_index, self._pool)
 
 
