@@ -130,7 +130,7 @@ class CudaRecorder(Recorder):
         """End a capture that has failed, for CUDA and for torch's allocator.
 
         Where CUDA says that it has failed, torch leaves its allocator as during a capture: memory
-        would neither be given back nor be released (``CUDAGraph::capture_end``, read in torch 2.13).
+        would neither be given back nor be released (``CUDAGraph::capture_end`` of torch 2.13).
         """
         with suppress(RuntimeError):  # The capture has failed, and says so again.
             graph.capture_end()
