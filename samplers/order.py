@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
@@ -34,3 +35,16 @@ def epoch_order(count: int, seed: int, epoch: int, part: int = 0) -> tuple[int, 
     """
     generator = epoch_generator(seed, epoch, part)
     return tuple(torch.randperm(count, generator=generator).tolist())
+
+
+def item_at(position: int, items: Sequence[int], seed: int, part: int = 0) -> int:
+    """The item at a position of endless epochs, each with all items in an order of its own.
+
+    Args:
+        position: number of items before it, over all epochs.
+        items: at least one.
+        seed: seed of the run.
+        part: part of the run, with orders of its own.
+    """
+    epoch, within = divmod(position, len(items))
+    return items[epoch_order(len(items), seed, epoch, part)[within]]

@@ -17,7 +17,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.core.step_settings import steps_field
-from gsfw.samplers.order import epoch_order
+from gsfw.samplers.order import item_at
 from gsfw.samplers.stepwise import StepwiseSampler
 from gsfw.samplers.view_times import views_by_time
 
@@ -83,10 +83,6 @@ class ProgressiveSampler(StepwiseSampler):
         """``views_per_step`` views of the window; a step may reach into the stage's next epoch."""
         stage = min(position // self._grow_every, len(self._stages) - 1)
         first = (position - stage * self._grow_every) * self._views_per_step
-        return tuple(self._drawn(stage, first + more) for more in range(self._views_per_step))
-
-    def _drawn(self, stage: int, position: int) -> int:
-        """The view at a position of a stage's own epochs."""
+        positions = range(first, first + self._views_per_step)
         views = self._stages[stage]
-        epoch, within = divmod(position, len(views))
-        return views[epoch_order(len(views), self._seed, epoch, part=stage)[within]]
+        return tuple(item_at(position, views, self._seed, part=stage) for position in positions)

@@ -16,7 +16,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.core.step_settings import steps_field
-from gsfw.samplers.order import epoch_order
+from gsfw.samplers.order import item_at
 from gsfw.samplers.stepwise import StepwiseSampler
 from gsfw.samplers.view_times import views_by_time
 
@@ -85,10 +85,5 @@ class SequentialSampler(StepwiseSampler):
         views = self._times[time]
         number = min(self._views_per_step, len(views))
         first = (position - self._starts[time]) * number
-        return tuple(self._drawn(time, first + more) for more in range(number))
-
-    def _drawn(self, time: int, position: int) -> int:
-        """The view at a position of a time's own epochs."""
-        views = self._times[time]
-        epoch, within = divmod(position, len(views))
-        return views[epoch_order(len(views), self._seed, epoch, part=1 + time)[within]]
+        positions = range(first, first + number)
+        return tuple(item_at(position, views, self._seed, part=1 + time) for position in positions)

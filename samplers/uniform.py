@@ -10,7 +10,7 @@ from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
 from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
-from gsfw.samplers.order import epoch_order
+from gsfw.samplers.order import item_at
 
 
 @dataclass
@@ -29,7 +29,7 @@ class UniformSampler(Sampler):
     """An endless sequence of epochs, each a permutation of all views, cut into steps."""
 
     def __init__(self, num_views: int, views_per_step: int, seed: int) -> None:
-        self._num_views = num_views
+        self._views = range(num_views)
         self._views_per_step = views_per_step
         self._seed = seed
         self._position = 0
@@ -42,11 +42,8 @@ class UniformSampler(Sampler):
 
     def peek(self, count: int) -> tuple[int, ...]:
         """The next ``count`` views, exactly."""
-        return tuple(self._view(self._position + ahead) for ahead in range(count))
-
-    def _view(self, position: int) -> int:
-        epoch, within = divmod(position, self._num_views)
-        return epoch_order(self._num_views, self._seed, epoch)[within]
+        positions = range(self._position, self._position + count)
+        return tuple(item_at(position, self._views, self._seed) for position in positions)
 
     def state_dict(self) -> dict[str, Any]:
         """Number of sampled views."""
