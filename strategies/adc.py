@@ -44,10 +44,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.step_settings import steps_field
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
 from gsfw.strategies.opacity_reset import OpacityReset
-from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
-
-COPIES = 2
-"""Number of children of a split row (Kerbl et al. 2023, section 5.2)."""
+from gsfw.strategies.rounds import COPIES, DensityRefiner, RefinementRounds
 
 
 @dataclass
@@ -134,16 +131,14 @@ class AdaptiveDensityControl(DensityRefiner):
     ) -> None:
         """Add up gradients and radii by row."""
         gradient = statistics.absgrad if self._config.absgrad else statistics.screen_gradient
-        if gradient is None or not self.statistics(context.step):
+        seen = self.gather(context, statistics, gradient)
+        if seen is None:
             return
         assert isinstance(model, DensifiableModel)
-        if self._seen is None:
-            self._seen = RowStatistics(context.num_rows, gradient.device)
-        self._seen.add(context, statistics, gradient)
         time_gradient = model.time_gradients() if self._config.grow_time_gradient > 0 else None
         if time_gradient is not None:
             observed = statistics.visible.any()
-            self._seen.add_time_gradient(time_gradient, len(context.batch.views), observed)
+            seen.add_time_gradient(time_gradient, len(context.batch.views), observed)
 
     def refine(self, context: RefineContext) -> Refinement:
         """Grow and prune every ``refine_every`` steps, unless another refiner prunes that step."""

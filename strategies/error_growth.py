@@ -28,17 +28,13 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.ranges import number
-from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refinement.view_errors import ViewErrors
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.step_settings import steps_field
-from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
-
-COPIES = 2
-"""Number of children of a split row (Kerbl et al. 2023, section 5.2)."""
+from gsfw.strategies.rounds import COPIES, DensityRefiner, RefinementRounds
 
 
 @dataclass
@@ -121,12 +117,7 @@ class ErrorGrowth(DensityRefiner):
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
         """Add up gradients by row."""
-        gradient = statistics.screen_gradient
-        if gradient is None or not self.statistics(context.step):
-            return
-        if self._seen is None:
-            self._seen = RowStatistics(context.num_rows, gradient.device)
-        self._seen.add(context, statistics, gradient)
+        self.gather(context, statistics, statistics.screen_gradient)
 
     def refine(self, context: RefineContext) -> Refinement:
         """Grow and prune every ``refine_every`` steps, unless another refiner prunes that step."""

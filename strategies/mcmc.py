@@ -25,7 +25,6 @@ from gsfw.core.config import StrategyConfig
 from gsfw.core.context import StepContext
 from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
 from gsfw.core.ranges import number
-from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
@@ -109,12 +108,7 @@ class MarkovChainMonteCarlo(DensityRefiner):
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
         """Add up gradients by row if rows are sampled by them."""
-        gradient = statistics.screen_gradient
-        if gradient is None or not self.statistics(context.step):
-            return
-        if self._seen is None:
-            self._seen = RowStatistics(context.num_rows, gradient.device)
-        self._seen.add(context, statistics, gradient)
+        self.gather(context, statistics, statistics.screen_gradient)
 
     def refine(self, context: RefineContext) -> Refinement:
         """Relocate and grow every ``refine_every`` steps; add noise after every step."""

@@ -6,13 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gsfw.core.context import StepContext
 from gsfw.core.model import DensifiableModel
 from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import Refiner
+from gsfw.core.render_output import RenderStatistics
 from gsfw.core.table import SplatTable
+
+COPIES = 2
+"""Number of children of a split row (Kerbl et al. 2023, section 5.2)."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,26 @@ class DensityRefiner(Refiner):
     def growth_due(self, step: int) -> bool:
         """True before each round."""
         return self._rounds.due(step + 1)
+
+    def gather(
+        self,
+        context: StepContext,
+        statistics: RenderStatistics,
+        gradient: Float[Tensor, "c m"] | None,
+    ) -> RowStatistics | None:
+        """Add up gradients and radii of a batch by row; ``None`` where none are needed.
+
+        Args:
+            context: context of the batch.
+            statistics: statistics of the batch.
+            gradient: the one of its gradients that rows are ranked by; ``None`` if not measured.
+        """
+        if gradient is None or not self.statistics(context.step):
+            return None
+        if self._seen is None:
+            self._seen = RowStatistics(context.num_rows, gradient.device)
+        self._seen.add(context, statistics, gradient)
+        return self._seen
 
     @property
     def growth_ends(self) -> int:
