@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Hashable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from traceback import clear_frames
 
@@ -101,13 +102,14 @@ class StepGraphs:
         self._steps = self._replays = 0
         self._told_of_more = False
 
-    @property
-    def is_of_use(self) -> bool:
-        """True if steps may be recorded: their parts can be, and the method promises that it can.
+    def working(self) -> AbstractContextManager[None]:
+        """The context of all steps of a run: the recorder's, if any of them may be recorded.
 
-        Others may start kernels on the default stream, whatever torch's current stream is.
+        Other methods may start kernels on the default stream, whatever torch's current stream is.
         """
-        return self._recorder is not None and promises(self._parts.method)
+        if self._recorder is None or not promises(self._parts.method):
+            return nullcontext()
+        return self._recorder.working()
 
     def run(self, inputs: StepInputs, step: int, work: Work) -> Outcome:
         """Run a step, after ``Method.prepare``.

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from traceback import clear_frames
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.forward import Forward, RenderedBatch
@@ -19,7 +18,6 @@ from gsfw.core.loop.step_graphs import Outcome, StepGraphs
 from gsfw.core.loop.step_inputs import StepInputs
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
-from gsfw.core.render_settings import RenderSettings
 from gsfw.core.sampler import Sampler
 
 
@@ -30,8 +28,7 @@ class Update:
         self, parts: TrainingParts, clock: Stopwatch, recorder: Recorder | None = None
     ) -> None:
         self._parts, self._clock = parts, clock
-        self._recorder = recorder
-        self._graphs = None if recorder is None else StepGraphs(parts, recorder)
+        self._graphs = StepGraphs(parts, recorder)
         self.is_underway = False
         """True from the first change of a parameter on, until the caller has ended the step."""
         self._times = parts.data.views(Split.TRAIN).times
@@ -39,21 +36,18 @@ class Update:
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
 
     def working(self) -> AbstractContextManager[None]:
-        """The context of all steps of a run: the recorder's, if any of them may be recorded."""
-        if self._recorder is None or self._graphs is None or not self._graphs.is_of_use:
-            return nullcontext()
-        return self._recorder.working()
+        """The context of all steps of a run."""
+        return self._graphs.working()
 
     @property
     def idle_memory(self) -> int:
         """Bytes of a GPU that only recorded steps can use."""
-        return 0 if self._graphs is None else self._graphs.idle_memory
+        return self._graphs.idle_memory
 
     def give_up(self) -> None:
         """Free the gradients of an unfinished step, and all recorded steps."""
         self._parts.optimizer.zero_gradients()
-        if self._graphs is not None:
-            self._graphs.drop()
+        self._graphs.drop()
 
     @property
     def skipped(self) -> int:
@@ -87,28 +81,21 @@ class Update:
         # Every process draws the backgrounds of all batches: their generators stay alike.
         count = len(views) if parts.team.splits_views else len(batches)
         settings = forward.settings(step, count)
-        outcome = self._outcome(forward, batches, settings, views, step)
+        outcome = self._outcome(forward, StepInputs(batches, settings), views, step)
         with clock.stage("refine"):
             self._observe(forward, outcome, views, step)
             parts.optimizer.zero_gradients()
         return outcome.rendered
 
     def _outcome(
-        self,
-        forward: Forward,
-        batches: Sequence[Batch],
-        settings: Sequence[RenderSettings],
-        views: tuple[int, ...],
-        step: int,
+        self, forward: Forward, inputs: StepInputs, views: tuple[int, ...], step: int
     ) -> Outcome:
         """Render the batches of this process and update all parameters, by a graph if possible."""
 
         def work(inputs: StepInputs, step: int) -> Outcome:
-            return self._worked(forward, inputs.batches, inputs.settings, views, step, inputs.rates)
+            return self._worked(forward, inputs, views, step)
 
-        if self._graphs is None:
-            return self._worked(forward, batches, settings, views, step)
-        inputs, outcome = StepInputs(batches, settings), None
+        outcome = None
         try:
             outcome = self._graphs.run(inputs, step, work)
         except torch.OutOfMemoryError as error:
@@ -125,44 +112,33 @@ class Update:
         return outcome
 
     def _worked(
-        self,
-        forward: Forward,
-        batches: Sequence[Batch],
-        settings: Sequence[RenderSettings],
-        views: tuple[int, ...],
-        step: int,
-        rates: Tensor | None = None,
+        self, forward: Forward, inputs: StepInputs, views: tuple[int, ...], step: int
     ) -> Outcome:
         """Render the batches of this process, and update all parameters."""
         parts, clock = self._parts, self._clock
         self.is_underway = False  # A recording before may have failed.
-        rendered = self._rendered(forward, batches, settings, views, step)
+        rendered = self._rendered(forward, inputs, views, step)
         with clock.stage("optimize"):
             finite = self._complete(rendered)
             visible = self._visible(rendered) if parts.optimizer.sparse else None
-            self.is_underway = rates is None  # With rates, the step is recorded and not run.
-            parts.optimizer.step(step, finite, visible, rates)
+            self.is_underway = inputs.rates is None  # Else the step is recorded and not run.
+            parts.optimizer.step(step, finite, visible, inputs.rates)
             parts.model.project_()
             parts.corrections.project_()
         return Outcome(rendered, finite)
 
     def _rendered(
-        self,
-        forward: Forward,
-        batches: Sequence[Batch],
-        settings: Sequence[RenderSettings],
-        views: tuple[int, ...],
-        step: int,
+        self, forward: Forward, inputs: StepInputs, views: tuple[int, ...], step: int
     ) -> list[RenderedBatch]:
         """Run the forward and the backward pass of all batches of this process."""
         parts, clock = self._parts, self._clock
         rendered: list[RenderedBatch] = []
-        for place, batch in parts.team.rounds(batches, views):
+        for place, batch in parts.team.rounds(inputs.batches, views):
             item = None
             if batch is not None:
                 with clock.stage("render"):
                     share = len(batch.views) / len(views)
-                    item = forward.render(batch, step, share, settings[place])
+                    item = forward.render(batch, step, share, inputs.settings[place])
                     parts.refiners.before_backward(item.context, parts.model)
                 rendered.append(item)
             with clock.stage("backward"):
@@ -174,10 +150,7 @@ class Update:
         parts = self._parts
         losses = parts.team.finish(rendered, parts.optimizer)
         finite = parts.operators.all_finite([*losses, *parts.optimizer.gradients()])
-        finite = parts.team.agreed(finite)
-        skipped = ~finite
-        if self._graphs is not None:
-            finite, skipped = self._graphs.fitting(finite)
+        finite, skipped = self._graphs.fitting(parts.team.agreed(finite))
         self._skipped += skipped
         self._skipped_in_a_row.add_(1).mul_(skipped)
         return finite
@@ -195,11 +168,7 @@ class Update:
         return parts.team.visible(visible)
 
     def _observe(
-        self,
-        forward: Forward,
-        outcome: Outcome,
-        views: tuple[int, ...],
-        step: int,
+        self, forward: Forward, outcome: Outcome, views: tuple[int, ...], step: int
     ) -> None:
         """Pass all batches to refiners and sampler; zeros if the step was not finite."""
         parts, finite = self._parts, outcome.finite
