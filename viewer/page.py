@@ -33,6 +33,8 @@ DARK, LIGHT = 0.07, 0.93
 """Grey of what no image covers, in a dark and in a light page."""
 MOVING_QUALITY, STILL_QUALITY = 70, 95
 """JPEG qualities; at rest, differences to the render are invisible."""
+UPDATE_SECONDS = 0.5
+"""Time between two updates of the figures."""
 
 
 class Page:
@@ -46,7 +48,7 @@ class Page:
         self._cameras: CamerasPanel | None = None
         self._panels: tuple[Panel, ...] = ()
         self._reported = session.first.pose
-        state = ViewState(pose=session.first.pose, sh_degree=4)
+        state = ViewState(pose=session.first.pose)
         self.viewport = Viewport(state, self._send, session.service.wake)
         self.viewport.problem = self.tell
         self._build()
@@ -196,7 +198,3 @@ class Pages:
         self._ticker.join()
         for page in tuple(self._pages.values()):
             page.close()
-
-
-UPDATE_SECONDS = 0.5
-"""Time between two updates of the figures."""

@@ -12,6 +12,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
 from gsfw.core.maths.similarity import Similarity
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Sh, Splats
@@ -60,7 +61,7 @@ def shown(
         state: of the page.
         to_crop: leads to the frame of the crop box; ``None``: that of the model.
     """
-    changes = state.crop is not None or state.splat_scale != 1.0 or state.sh_degree < 4
+    changes = state.crop is not None or state.splat_scale != 1.0 or state.sh_degree < MAX_DEGREE
     return ShownModel(model, state, to_crop) if changes else model
 
 
@@ -71,8 +72,8 @@ def edited(splats: Splats, state: ViewState, to_crop: Similarity | None = None) 
         if to_crop is not None:
             means = to_crop.apply(means.cpu()).to(means)
         kept = inside(means, state.crop).nonzero()[:, 0]
-        rows = kept if splats.rows is None else splats.rows[kept]
-        splats = replace(replace(splats, rows=None).take(kept), rows=rows)
+        splats = splats.take(kept)
+        splats = replace(splats, rows=kept) if splats.rows is None else splats
     if isinstance(splats.colors, Sh) and state.sh_degree < splats.colors.degree:
         splats = replace(splats, colors=replace(splats.colors, degree=state.sh_degree))
     factor = state.splat_scale

@@ -13,6 +13,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.maths.rotations import quaternions_of, rotation_matrices
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 
 Vector = tuple[float, float, float]
 
@@ -108,7 +109,7 @@ class ViewState:
     """In [0, 1]; ``None`` for the background of the run."""
     splat_scale: float = 1.0
     """Factor of the size of all Gaussians; small ones show where they are."""
-    sh_degree: int = 4
+    sh_degree: int = MAX_DEGREE
     """Bands of view-dependent colour above this are left out."""
     crop: Box | None = None
     tracks: bool = False

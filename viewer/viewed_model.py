@@ -75,11 +75,6 @@ class ViewedModel:
         (batch,) = self.data.load(view.split, [view.index], self.device)
         return batch
 
-    def captured_times(self) -> tuple[float, ...]:
-        """All times of the capture in [0, 1], ascending; none for a static one."""
-        times = {time for split in Split for time in self.data.views(split).times or ()}
-        return tuple(sorted(times))
-
 
 def between(source: ViewedModel, target: ViewedModel) -> Similarity:
     """Leads from the scene frame of one model to that of another, by the world of the data."""
