@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gsfw.core.exchange import Exporter, ExportSource, Holds
 from gsfw.core.files.atomic import atomic_file
-from gsfw.formats.web.page import data_address, document, poster
+from gsfw.formats.web.page import document, image_address, poster
 from gsfw.formats.web.scene_file import scene_file
 from gsfw.formats.web.shown import Shown, check_options
 
@@ -43,7 +43,7 @@ class HtmlExporter(Exporter):
         """
         shown = Shown.of(source, self.title, self.background, self.sh_degree)
         scene = scene_file(shown)
-        page = document(shown, poster=data_address("image/webp", poster(shown.preview)))
+        page = document(shown, poster=image_address(poster(shown.preview)))
         with atomic_file(path) as file:
             file.write(page.before.encode())
             for piece in _pieces(scene):

@@ -137,9 +137,9 @@ def social_image(preview: Preview | None, size: tuple[int, int]) -> bytes:
     return buffer.getvalue()
 
 
-def data_address(kind: str, content: bytes) -> str:
-    """A file as an address that holds it; empty for an empty file."""
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}" if content else ""
+def image_address(content: bytes) -> str:
+    """A WebP image as an address that holds it; empty for no image."""
+    return f"data:image/webp;base64,{base64.b64encode(content).decode()}" if content else ""
 
 
 def _pixels(image: Float[Tensor, "h w 3"]) -> UInt8[Tensor, "h w 3"]:
