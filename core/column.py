@@ -13,6 +13,7 @@ from jaxtyping import Int, Shaped
 from torch import Tensor, nn
 
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.ragged import row_offsets, value_indices
 
 
 class Layout(Enum):
@@ -117,7 +118,7 @@ class Column(nn.Module):
         """Let the column have other rows for a time, such as a part of its own."""
         shown: dict[str, Tensor] = {"values": rows.values}
         if rows.lengths is not None:
-            shown["offsets"] = _offsets(rows.lengths)
+            shown["offsets"] = row_offsets(rows.lengths)
         self.__dict__.update(shown)  # Found before the parameter, which stays as it is.
         try:
             yield
@@ -129,7 +130,7 @@ class Column(nn.Module):
         """Indices of the values of ragged ``rows``, and the number of values of each row."""
         assert self.offsets is not None
         lengths = self.offsets.diff()[rows]
-        return _indices(self.offsets[:-1][rows], lengths), lengths
+        return value_indices(self.offsets[:-1][rows], lengths), lengths
 
     def count(self, rows: Rows) -> int:
         """Count the rows that ``rows`` holds.
@@ -172,8 +173,8 @@ class Column(nn.Module):
         source = (self.values if values is None else values).detach()
         common = torch.minimum(self.offsets.diff(), lengths)
         new = source.new_zeros(int(lengths.sum()), *source.shape[1:])
-        starts = lengths.cumsum(0) - lengths
-        new[_indices(starts, common)] = source[_indices(self.offsets[:-1], common)]
+        kept = value_indices(row_offsets(lengths)[:-1], common)
+        new[kept] = source[value_indices(self.offsets[:-1], common)]
         return Rows(new, lengths)
 
     def take(self, rows: Int[Tensor, " r"], values: Tensor | None = None) -> Rows:
@@ -199,7 +200,7 @@ class Column(nn.Module):
         self._set_values(rows.values)
         if self.layout is Layout.RAGGED:
             assert rows.lengths is not None
-            self.offsets = _offsets(rows.lengths)
+            self.offsets = row_offsets(rows.lengths)
 
     def check_lengths(self, rows: Int[Tensor, " r"], new: Rows) -> None:
         """Check that overwriting ``rows`` keeps the number of values of every row.
@@ -243,15 +244,3 @@ class Column(nn.Module):
         if offsets is not None and self.offsets is not None:
             self.offsets = offsets.to(self.offsets).clone()
         super()._load_from_state_dict(state_dict, prefix, *args)
-
-
-def _offsets(lengths: Int[Tensor, " n"]) -> Int[Tensor, " n_plus_1"]:
-    """The start of each row among the values, and the end of the last one."""
-    return torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-
-
-def _indices(starts: Int[Tensor, " r"], lengths: Int[Tensor, " r"]) -> Int[Tensor, " m"]:
-    """start, start + 1, ... for each row, one row after the other."""
-    within = torch.arange(int(lengths.sum()), device=lengths.device)
-    within = within - (lengths.cumsum(0) - lengths).repeat_interleave(lengths)
-    return starts.repeat_interleave(lengths) + within

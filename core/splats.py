@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from gsfw.core.maths.ragged import row_offsets, value_indices, value_rows
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.numerics import MAX_LOG_SCALE
 
@@ -78,8 +79,7 @@ class Sh:
         """
         dense, lengths = self.dense(), (degrees + 1) ** 2 - 1
         present = torch.arange(dense.shape[1] - 1, device=lengths.device) < lengths[:, None]
-        offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-        return Sh(dense[:, :1], self.degree, dense[:, 1:][present], offsets)
+        return Sh(dense[:, :1], self.degree, dense[:, 1:][present], row_offsets(lengths))
 
     def up_to(self, degree: int) -> Sh:
         """The colours without the bands above a degree; dense rows share memory with these."""
@@ -92,11 +92,9 @@ class Sh:
             return Sh(self.coefficients, degree)
         if self.offsets is None:
             return Sh(self.coefficients, degree, self.rest[:, : count - 1])
-        lengths = self.offsets.diff()
-        place = torch.arange(len(self.rest), device=lengths.device)
-        place = place - self.offsets[:-1].repeat_interleave(lengths)
-        offsets = torch.cat([lengths.new_zeros(1), lengths.clamp_max(count - 1).cumsum(0)])
-        return Sh(self.coefficients, degree, self.rest[place < count - 1], offsets)
+        lengths = self.offsets.diff().clamp_max(count - 1)
+        rest = self.rest.index_select(0, value_indices(self.offsets[:-1], lengths))
+        return Sh(self.coefficients, degree, rest, row_offsets(lengths))
 
     @staticmethod
     def cat(parts: Sequence[Sh]) -> Sh:
@@ -118,19 +116,16 @@ class Sh:
         if not offsets:
             return Sh(constant, degree, _padded(rests) if rests else None)
         lengths = torch.cat([part.diff() for part in offsets])
-        starts = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-        return Sh(constant, degree, torch.cat(rests), starts)
+        return Sh(constant, degree, torch.cat(rests), row_offsets(lengths))
 
     def take(self, rows: Int[Tensor, " r"]) -> Sh:
         """The colours of some splats, in the order of ``rows``."""
         if self.rest is None or self.offsets is None:
             return self.map(lambda tensor: tensor.index_select(0, rows))
         lengths = self.offsets.diff()[rows]
-        offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-        shift = (self.offsets[:-1][rows] - offsets[:-1]).repeat_interleave(lengths)
-        places = torch.arange(len(shift), device=shift.device) + shift
         constant = self.coefficients.index_select(0, rows)
-        return Sh(constant, self.degree, self.rest.index_select(0, places), offsets)
+        rest = self.rest.index_select(0, value_indices(self.offsets[:-1][rows], lengths))
+        return Sh(constant, self.degree, rest, row_offsets(lengths))
 
 
 def _padded(parts: Sequence[Float[Tensor, "_ _ 3"]]) -> Float[Tensor, "n k 3"]:
@@ -253,8 +248,7 @@ class Splats:
         if rest is not None:
             assert isinstance(self.colors, Sh)
             assert self.colors.offsets is not None
-            owners = torch.arange(len(self), device=held.device)
-            owners = owners.repeat_interleave(self.colors.offsets.diff())
+            owners = value_rows(self.colors.offsets.diff())
             held[owners[~rest.float().isfinite().all(dim=1)]] = False
         return held
 

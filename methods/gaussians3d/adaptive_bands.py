@@ -24,6 +24,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.context import StepContext
+from gsfw.core.maths.ragged import value_rows
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
@@ -157,7 +158,7 @@ def _losses(model: StaticGaussians) -> Float[Tensor, "n degrees"]:
     assert model.sh_rest.offsets is not None
     offsets, squares = model.sh_rest.offsets, model.sh_rest.values.double().square().sum(1)
     lengths = offsets.diff()
-    owners = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
+    owners = value_rows(lengths)
     places = torch.arange(len(squares), device=lengths.device) - offsets[:-1][owners]
     bands = ((places + 1).double().sqrt() + 1e-9).floor().long()  # 1 for places 0 to 2, ...
     energy = squares.new_zeros(len(lengths) * (model.degree + 1))

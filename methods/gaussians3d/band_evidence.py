@@ -27,6 +27,7 @@ from torch.nn.functional import normalize
 
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.context import StepContext
+from gsfw.core.maths.ragged import value_rows
 from gsfw.core.maths.spherical_harmonics import C0, sh_basis
 from gsfw.core.splats import Sh, Splats
 
@@ -129,7 +130,7 @@ class BandEvidence(nn.Module):
         offsets = self.sums.offsets
         assert offsets is not None
         lengths = offsets.diff()
-        owners = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
+        owners = value_rows(lengths)
         sums, squares = self.sums.values.double().unbind(1)
         totals = sums.new_zeros(2, len(lengths))
         totals[0].index_add_(0, owners, sums.square().sum(1))

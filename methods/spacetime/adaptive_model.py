@@ -12,6 +12,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.ragged import row_offsets
 from gsfw.core.model import Children
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
@@ -47,8 +48,8 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         if self.still is not None:
             moves = ~self.still.mask()
         lengths = each * moves.long()
-        offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-        return Column(flat[moves.repeat_interleave(each)], rate, Layout.RAGGED, offsets)
+        moving = flat[moves.repeat_interleave(each)]
+        return Column(moving, rate, Layout.RAGGED, row_offsets(lengths))
 
     # Columns of each row.
 

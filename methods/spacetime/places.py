@@ -8,6 +8,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.maths.ragged import value_indices, value_rows
+
 
 @dataclass(frozen=True)
 class Places:
@@ -19,9 +21,7 @@ class Places:
     @staticmethod
     def of(lengths: Int[Tensor, " n"]) -> Places:
         """Compute the places of rows with so many values each."""
-        rows = torch.arange(len(lengths), device=lengths.device).repeat_interleave(lengths)
-        starts = lengths.cumsum(0) - lengths
-        return Places(rows, torch.arange(len(rows), device=lengths.device) - starts[rows])
+        return Places(value_rows(lengths), value_indices(torch.zeros_like(lengths), lengths))
 
     def padded(self, values: Float[Tensor, "m d"], count: int, width: int) -> Tensor:
         """The values as [count, width, d], padded with zeros."""

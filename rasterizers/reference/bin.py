@@ -16,6 +16,7 @@ from torch.nn.functional import embedding_bag
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.errors import ConfigError
+from gsfw.core.maths.ragged import row_offsets, value_indices, value_rows
 from gsfw.core.numerics import NumericsProfile
 from gsfw.rasterizers.reference.project import Ellipses, reach
 
@@ -106,7 +107,7 @@ def bin_ellipses(
         counts=counts,
         ellipses=torch.cat([members[order], absent]),
         by_ellipse=by_ellipse,
-        ellipse_starts=_starts(members.bincount(minlength=len(ellipses.means))),
+        ellipse_starts=row_offsets(members.bincount(minlength=len(ellipses.means))),
     )
 
 
@@ -160,10 +161,4 @@ def _expand(
     last = ((high + slack - 0.5) / TILE).floor().clamp(-1, tiles - 1).long()
     counts = (last - first + 1).clamp(min=0)
     _check_memory(int(counts.sum()), pairs_mb)
-    owner = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)
-    place = torch.arange(len(owner), device=counts.device) - (counts.cumsum(0) - counts)[owner]
-    return owner, first[owner] + place
-
-
-def _starts(counts: Int[Tensor, " m"]) -> Int[Tensor, " m_plus_1"]:
-    return torch.cat([counts.new_zeros(1), counts.cumsum(0)])
+    return value_rows(counts), value_indices(first, counts)
