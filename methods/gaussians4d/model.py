@@ -22,7 +22,6 @@ from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
-from gsfw.core.operators import Operators
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.model import MAX_LOG_SCALE, MIN_LOG_SCALE, StaticGaussians
@@ -163,10 +162,6 @@ class DeformedGaussians(MovingGaussians):
             largest = largest.maximum(self.field.opacity_change(means, time))
         return canonical.minimum(self.moved(logits, largest).sigmoid())
 
-    def sizes(self) -> Float[Tensor, " n"]:
-        """Largest canonical standard deviation of each row, in scene units."""
-        return self.canonical.sizes()
-
     def split_rows(
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
@@ -189,14 +184,6 @@ class DeformedGaussians(MovingGaussians):
                 still = points - self.field(still, still.new_tensor(time)).means
         fresh = self.canonical.rows_at(still, colors, sizes, time)
         return {**fresh, **self.temporal_rows({}, len(points))}
-
-    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """``rows`` with the opacity and scale with which ``counts`` copies render as one did."""
-        return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
-
-    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
-        """Add noise to canonical positions of rows with low opacity."""
-        self.canonical.perturb_(rate, generator, operators)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
         """Canonical values that the field turns, on average, into the rows' current values."""

@@ -11,7 +11,9 @@ from torch import Tensor
 
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.ragged import row_offsets
 from gsfw.core.model import Children, DensifiableModel
+from gsfw.core.operators import Operators
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.model import StaticGaussians
@@ -62,8 +64,7 @@ class MovingGaussians(DensifiableModel):
         if self.still is None:
             return Column(values, rate)
         moves = ~self.still.mask()
-        offsets = torch.cat([torch.zeros(1, dtype=torch.int64), moves.cumsum(0)])
-        return Column(values[moves], rate, Layout.RAGGED, offsets)
+        return Column(values[moves], rate, Layout.RAGGED, row_offsets(moves.long()))
 
     @property
     def changing(self) -> bool:
@@ -91,8 +92,7 @@ class MovingGaussians(DensifiableModel):
 
     def taken(self, values: Float[Tensor, "n ..."]) -> Float[Tensor, "m ..."]:
         """Select the values of the rows that change."""
-        rows = self.moving()
-        return values if rows is None else values.index_select(0, rows)
+        return taken_rows(values, self.moving())
 
     def everywhere(self, values: Float[Tensor, " m"], otherwise: float) -> Float[Tensor, " n"]:
         """Expand values of the rows that change to all rows; static rows get ``otherwise``."""
@@ -154,7 +154,7 @@ class MovingGaussians(DensifiableModel):
         moving = {name: Rows(rows, lengths) for name, rows in values.items()}
         return {**moving, **self.still.moving_rows(lengths)}
 
-    # What is the same for all.
+    # The same for all models whose changes with time leave these alone.
 
     def summary(self) -> Mapping[str, int | float]:
         """Sizes, and the number of static rows."""
@@ -165,9 +165,29 @@ class MovingGaussians(DensifiableModel):
         counts = {"static_rows": static, "moving_rows": self.num_rows - static}
         return {**super().summary(), **counts, "static_share": round(static / rows, 4)}
 
+    def sizes(self) -> Float[Tensor, " n"]:
+        """Largest canonical standard deviation of each row, in scene units."""
+        return self.canonical.sizes()
+
+    @torch.no_grad()
+    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
+        """Relocation as for static Gaussians; coincident copies also share path and time."""
+        return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
+
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
+        """Add noise shaped by canonical covariances to canonical positions."""
+        self.canonical.perturb_(rate, generator, operators)
+
     def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
         """Change every canonical opacity by a function, in place."""
         return self.canonical.change_opacities_(function)
+
+
+def taken_rows(
+    values: Float[Tensor, "n ..."], rows: Int[Tensor, " m"] | None
+) -> Float[Tensor, "m ..."]:
+    """Select the values of some rows; ``None`` for all."""
+    return values if rows is None else values.index_select(0, rows)
 
 
 def moving_children(children: Children) -> Int[Tensor, " m"] | None:

@@ -38,7 +38,7 @@ from gsfw.methods.gaussians3d.model import (
 )
 from gsfw.methods.moving.center_gradient import center_gradients
 from gsfw.methods.moving.covariances import covariances
-from gsfw.methods.moving.gaussians import MovingGaussians, moving_children
+from gsfw.methods.moving.gaussians import MovingGaussians, moving_children, taken_rows
 from gsfw.methods.moving.presence import Presence
 from gsfw.methods.moving.still_rows import StillRows
 from gsfw.methods.rotor4d.neighbor_graph import NeighborGraph
@@ -124,7 +124,7 @@ class SlicedGaussians(MovingGaussians):
         time = centers.new_zeros(()) if time is None else time.to(centers)
         rows = self._visible_rows(time) if self.selects else None
         still = self._still(rows)
-        sliced, elapsed = self._sliced(rows), time - _taken(centers, rows)
+        sliced, elapsed = self._sliced(rows), time - taken_rows(centers, rows)
         faded = self.everywhere(weights(elapsed, sliced.variances), otherwise=1.0)
         return replace(
             still,
@@ -161,10 +161,10 @@ class SlicedGaussians(MovingGaussians):
         """Slices of moving rows, at any time; of ``rows``, for a model in which all rows move."""
         columns = self.canonical.columns()
         first, log_scales = (
-            self.taken(_taken(columns[name].values, rows)) for name in ("quats", "log_scales")
+            self.taken(taken_rows(columns[name].values, rows)) for name in ("quats", "log_scales")
         )
         second, log_durations = (
-            _taken(column.values, rows) for column in (self.time_quats, self.log_durations)
+            taken_rows(column.values, rows) for column in (self.time_quats, self.log_durations)
         )
         scales = torch.cat([log_scales, log_durations[:, None]], dim=1).exp()
         return self._operators.slices(*self._rotation.sides(first, second), scales)
@@ -305,13 +305,13 @@ class SlicedGaussians(MovingGaussians):
         children = dict(self.clone_rows(rows.repeat(copies)))
         means, moving = children["means"].values, moving_children(children)
         quats, log_scales = (
-            _taken(children[name].values, moving) for name in ("quats", "log_scales")
+            taken_rows(children[name].values, moving) for name in ("quats", "log_scales")
         )
         temporal = (children[name].values for name in ("time_quats", "log_durations"))
         sliced, centers = self._conditional(quats, log_scales, *temporal), children["time_centers"]
         times = Presence(centers.values, sliced.variances).draw(generator)
         noise = torch.randn(len(times), 4, generator=generator, device=means.device).to(means)
-        placed = _taken(means, moving) + sliced.velocities * (times - centers.values)[:, None]
+        placed = taken_rows(means, moving) + sliced.velocities * (times - centers.values)[:, None]
         placed += (sliced.factors * noise.T).sum(1).T
         if moving is not None:  # The others are split as static Gaussians are.
             means = self.canonical.split_rows(rows, copies, generator)["means"].values
@@ -379,14 +379,10 @@ def _visible(opacities: Float[Tensor, " n"]) -> Bool[Tensor, " n"]:
     return opacities >= DEFAULT.alpha_min
 
 
-def _taken(values: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:
-    return values if rows is None else values.index_select(0, rows)
-
-
 def _scaled(children: Children, log_factors: Float[Tensor, " r"]) -> Children:
     """Children with all four scales multiplied by a factor."""
     space, time = children["log_scales"].values, children["log_durations"]
-    in_time = time.values + _taken(log_factors, moving_children(children))
+    in_time = time.values + taken_rows(log_factors, moving_children(children))
     return {
         **children,
         "log_scales": Rows(space + log_factors[:, None]),

@@ -36,7 +36,7 @@ from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
 from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.moving.center_gradient import center_gradients
-from gsfw.methods.moving.gaussians import MovingGaussians, added
+from gsfw.methods.moving.gaussians import MovingGaussians, added, taken_rows
 from gsfw.methods.moving.presence import Presence
 from gsfw.methods.moving.still_rows import StillRows
 from gsfw.methods.spacetime.decoder import FeatureDecoder
@@ -165,7 +165,7 @@ class SpacetimeGaussians(MovingGaussians):
         if "spins" in self.temporal:
             quats = self.moved(quats, self._values("spins", rows) * elapsed[:, None])
         if self.features is not None:
-            features = _taken(self.features.values, rows)
+            features = taken_rows(self.features.values, rows)
             changing = self._values("feature_rates", rows) * elapsed[:, None]
             extra = torch.cat([features, self.moved(torch.zeros_like(features), changing)], dim=1)
         means = self.moved(splats.means, displacement(self._values("motion", rows), elapsed))
@@ -185,7 +185,7 @@ class SpacetimeGaussians(MovingGaussians):
         return None if len(rows) == len(opacities) else rows
 
     def _values(self, name: str, rows: Int[Tensor, " m"] | None) -> Tensor:
-        return _taken(self._column(name).values, rows)
+        return taken_rows(self._column(name).values, rows)
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
         """Decode the colours of rendered features, if there are any."""
@@ -219,10 +219,6 @@ class SpacetimeGaussians(MovingGaussians):
         """Opacity of each row at its temporal centre."""
         return self.canonical.opacities()
 
-    def sizes(self) -> Float[Tensor, " n"]:
-        """Largest standard deviation of each row, in scene units."""
-        return self.canonical.sizes()
-
     @torch.no_grad()
     def lifetimes(self) -> Float[Tensor, " n"]:
         """Mean temporal weight of each row over the sequence: 1 for always present rows."""
@@ -253,7 +249,19 @@ class SpacetimeGaussians(MovingGaussians):
 
     def spread(self, children: Children, generator: torch.Generator) -> Children:
         """Children on the same paths, with centres sampled from the parents' weights."""
-        return _spread_in_time(children, generator)
+        centers, motion = children["time_centers"].values, children["motion"].values
+        times = presence(centers, children["log_durations"].values).draw(generator)
+        shifts = times - centers
+        moved = {
+            "time_centers": times,
+            "motion": recentered(motion, shifts),
+            "means": added(children, "means", displacement(motion, shifts)),
+        }
+        if "spins" in children:
+            turned = children["spins"].values * shifts[:, None]
+            moved["quats"] = added(children, "quats", turned)
+        changed = {name: replace(children[name], values=new) for name, new in moved.items()}
+        return {**children, **changed}
 
     @torch.no_grad()
     def rows_at(
@@ -274,41 +282,12 @@ class SpacetimeGaussians(MovingGaussians):
         features = {} if self.features is None else {"features": Rows(colors.to(points))}
         return {**fresh, **features, **self.temporal_rows(values, count)}
 
-    @torch.no_grad()
-    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """Relocation as for static Gaussians; coincident copies also share path and time."""
-        return {**super().clone_rows(rows), **self.canonical.relocated(rows, counts)}
-
-    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
-        """Move paths by noise shaped by each row's covariance at its centre."""
-        self.canonical.perturb_(rate, generator, operators)
-
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
         """Rows at rest with the longest duration."""
         self.write_temporal_("time_centers", rows, times)
         self.write_temporal_("log_durations", rows, torch.full_like(times, self._log_limits[1]))
 
 
-def _taken(values: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:
-    return values if rows is None else values.index_select(0, rows)
-
-
 def presence(centers: Float[Tensor, " m"], log_durations: Float[Tensor, " m"]) -> Presence:
     """Temporal weights of the temporary rows."""
     return Presence(centers, log_durations.exp().square())
-
-
-def _spread_in_time(children: Children, generator: torch.Generator) -> Children:
-    """Children on the same paths, with centres sampled from the parents' weights."""
-    centers, motion = children["time_centers"].values, children["motion"].values
-    times = presence(centers, children["log_durations"].values).draw(generator)
-    shifts = times - centers
-    moved = {
-        "time_centers": times,
-        "motion": recentered(motion, shifts),
-        "means": added(children, "means", displacement(motion, shifts)),
-    }
-    if "spins" in children:
-        turned = children["spins"].values * shifts[:, None]
-        moved["quats"] = added(children, "quats", turned)
-    return {**children, **{name: replace(children[name], values=v) for name, v in moved.items()}}
