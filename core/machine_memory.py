@@ -112,7 +112,7 @@ def memory_limits() -> list[MachineMemory]:
 
 def _machine() -> MachineMemory | None:
     """The memory of the machine."""
-    found = _sizes(MACHINE)
+    found = kernel_sizes(MACHINE)
     if "MemAvailable" in found:
         total, free = found["MemTotal"], found["MemAvailable"]
         return MachineMemory(total, free, _own(), found.get("SwapFree", 0))
@@ -153,10 +153,10 @@ def _swap(group: ControlGroup, limit: int) -> int:
 
 def _own() -> int:
     """Memory of this process that nothing else can use, without cached files."""
-    return _sizes(STATUS).get("RssAnon", 0)
+    return kernel_sizes(STATUS).get("RssAnon", 0)
 
 
-def _sizes(path: Path) -> dict[str, int]:
+def kernel_sizes(path: Path) -> dict[str, int]:
     """The lines of a file of the kernel that are sizes ("MemTotal:  24684216 kB"), in bytes."""
     try:
         lines = [line.split() for line in path.read_text().splitlines()]

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import torch
 
-CLEAR_REFS, STATUS = Path("/proc/self/clear_refs"), Path("/proc/self/status")
-"""Linux resets and reports the memory of this process here (proc(5))."""
+from gsfw.core.machine_memory import STATUS, kernel_sizes
+
+CLEAR_REFS = Path("/proc/self/clear_refs")
+"""Linux resets the peak memory of this process here (proc(5))."""
 
 
 def peak_memory_mb(device: torch.device) -> dict[str, float]:
@@ -34,7 +36,7 @@ def _peak_resident_mb() -> float | None:
         return None
     # getrusage of Linux counts the process that started this one, too: until exec, its memory is
     # that of this process.
-    if STATUS.exists() and (peak := _status_mb("VmHWM")) is not None:
+    if (peak := _status_mb("VmHWM")) is not None:
         return peak
     import resource
 
@@ -94,8 +96,8 @@ def _forget_peak() -> bool:
 
 def _status_mb(name: str) -> float | None:
     """Read a line of the process's status, in megabytes; ``None`` if there is no such line."""
-    lines = dict(line.split(":", 1) for line in STATUS.read_text().splitlines())
-    return int(lines[name].split()[0]) * 1024 / 1e6 if name in lines else None
+    found = kernel_sizes(STATUS).get(name)
+    return None if found is None else found / 1e6
 
 
 def memory_summary(device: torch.device) -> dict[str, float]:
