@@ -34,26 +34,32 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
     if len(cameras) == 0:
         raise ValueError("cameras: expected at least one, found none")
     _check_shapes(splats, cameras)
-    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
-    named |= {"cameras.world_to_camera": cameras.world_to_camera}
-    named |= {"cameras.intrinsics": cameras.intrinsics}
-    if settings.background is not None:
-        named["settings.background"] = settings.background
-        if len(settings.background) != splats.channels:
-            raise ValueError(
-                f"settings.background: expected {splats.channels} channels, "
-                f"found {len(settings.background)}"
-            )
+    if settings.background is not None and len(settings.background) != splats.channels:
+        raise ValueError(
+            f"settings.background: expected {splats.channels} channels, "
+            f"found {len(settings.background)}"
+        )
     if settings.contribution_weights is not None:
-        named["settings.contribution_weights"] = settings.contribution_weights
         _check_contribution_weights(settings.contribution_weights, cameras, settings)
-    for name, tensor in named.items():
+    for name, tensor in _named_tensors(splats, cameras, settings).items():
         if tensor.dtype != splats.means.dtype or not tensor.dtype.is_floating_point:
             raise ValueError(f"{name}: expected {splats.means.dtype}, found {tensor.dtype}")
         if tensor.device != splats.means.device:
             raise ValueError(
                 f"{name}: expected device {splats.means.device}, found {tensor.device}"
             )
+
+
+def _named_tensors(splats: Splats, cameras: Cameras, settings: RenderSettings) -> dict[str, Tensor]:
+    """All floating-point tensors of a render, by the names in messages."""
+    named: dict[str, Tensor | None] = {
+        **{f"splats.{name}": tensor for name, tensor in splats.tensors().items()},
+        "cameras.world_to_camera": cameras.world_to_camera,
+        "cameras.intrinsics": cameras.intrinsics,
+        "settings.background": settings.background,
+        "settings.contribution_weights": settings.contribution_weights,
+    }
+    return {name: tensor for name, tensor in named.items() if tensor is not None}
 
 
 def check_tensors(splats: Splats) -> None:
@@ -155,7 +161,8 @@ def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
 
 def _conditions(splats: Splats, cameras: Cameras, settings: RenderSettings) -> Iterator[_Condition]:
     """All conditions, one after another: flags of all values at once would take memory."""
-    yield from _finite(splats, cameras, settings)
+    for name, tensor in _named_tensors(splats, cameras, settings).items():
+        yield _Condition(name, tensor.isfinite(), "finite values", tensor)
     yield from _in_range(splats, cameras)
     yield from _of_offsets(splats.colors)
 
@@ -182,18 +189,6 @@ class _Condition:
                 f"not, the first is row {first}: "
                 f"{self.values[first].detach().flatten().tolist()[:16]}"
             )
-
-
-def _finite(splats: Splats, cameras: Cameras, settings: RenderSettings) -> Iterator[_Condition]:
-    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
-    named["cameras.world_to_camera"] = cameras.world_to_camera
-    named["cameras.intrinsics"] = cameras.intrinsics
-    if settings.background is not None:
-        named["settings.background"] = settings.background
-    if settings.contribution_weights is not None:
-        named["settings.contribution_weights"] = settings.contribution_weights
-    for name, tensor in named.items():
-        yield _Condition(name, tensor.isfinite(), "finite values", tensor)
 
 
 def _in_range(splats: Splats, cameras: Cameras) -> Iterator[_Condition]:
