@@ -19,6 +19,7 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
+from gsfw.rasterizers.autograd import check_cameras
 from gsfw.rasterizers.gsplat import package
 from gsfw.rasterizers.gsplat.arguments import arguments_of, rendered_channels
 
@@ -118,11 +119,7 @@ def _check_inputs(splats: Splats, cameras: Cameras) -> None:
             f"splats.means: expected float32, which is all that gsplat renders, found "
             f"{splats.means.dtype}"
         )
-    if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
-        raise ValueError(
-            "cameras.intrinsics: expected a tensor without gradient, because the gsplat "
-            "rasterizer has none by intrinsics; use the reference rasterizer"
-        )
+    check_cameras("gsplat", cameras)
 
 
 def _check_settings(splats: Splats, settings: RenderSettings, installed: str) -> None:
