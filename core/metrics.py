@@ -89,7 +89,7 @@ class CautiousMetric(Metric):
     """A metric of a third party: NaN if it fails; the failure is logged once."""
 
     def __init__(self, metric: Metric, name: str) -> None:
-        super().__init__(getattr(metric, "operators", None))
+        super().__init__()
         self._metric, self._name = metric, name
         self._has_failed = False
 

@@ -65,6 +65,7 @@ class RemainingTime:
         self._recent_part = recent
         self._run, self._steps, self._first = run, run.steps, run.first_step
         self._settings, self._phases, self._views = run.settings, run.step_costs, run.views
+        self._refine_every = int(run.settings.get("strategy.refine_every", 0) or 0)
         self._seen: list[_Interval] = []
         self._view_seconds, self._evaluated_at = 0.0, 0
 
@@ -177,14 +178,14 @@ class RemainingTime:
     def _refinement(self) -> tuple[int, int]:
         """First and last step of refinements; equal where there are none."""
         settings = self._settings
-        if not int(settings.get("strategy.refine_every", 0) or 0):
+        if not self._refine_every:
             return 0, 0
         start = int(settings.get("strategy.refine_start", 0))
         return start, min(int(settings.get("strategy.refine_stop", self._steps)), self._steps)
 
     def _growth(self, now: int, start: int) -> float:
         """Rows that refinements add, per step."""
-        every = int(self._settings.get("strategy.refine_every", 0) or 0)
+        every = self._refine_every
         if not every:
             return 0.0
         last = self._seen[-1].gaussians
@@ -200,13 +201,13 @@ class RemainingTime:
 
     def _rounds(self) -> float:
         """Number of refinements of the run, at least one."""
-        every = int(self._settings.get("strategy.refine_every", 0) or 0)
+        every = self._refine_every
         start, stop = self._refinement()
         return max((stop - start) / every, 1.0) if every else 1.0
 
     def _usual_growth(self) -> float:
         """Part by which rows usually grow in a step, while they are refined."""
-        every = int(self._settings.get("strategy.refine_every", 0) or 0)
+        every = self._refine_every
         return (USUAL_FACTOR ** (1 / self._rounds()) - 1) / every if every else 0.0
 
     def _waiting_left(self, now: int) -> float:

@@ -40,6 +40,7 @@ from torch import Tensor
 
 from gsfw.core.config import AUTO, NO_BUDGET, StrategyConfig
 from gsfw.core.context import StepContext
+from gsfw.core.contributions import most_useful
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.refinement.contribution import Contributions
@@ -287,8 +288,7 @@ class Budget(Refiner):
         """Keep the rows of the highest scores, in their order; of equal ones the first."""
         pruned = max(len(table) - number, 0)
         if pruned:
-            rows = scores.argsort(descending=True, stable=True)[:number]
-            table.keep(rows.sort().values)
+            table.keep(most_useful(scores, number))
         self._note(done, len(table), pruned, None, None)
         return pruned
 
