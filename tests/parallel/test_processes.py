@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from support.processes import (
 )
 from support.states import assert_same_bits
 
+from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSIX signals")]
@@ -31,73 +33,79 @@ METHODS = {
     "spacetime": ("method=spacetime", "datamanager.moving=true", "datamanager.times=4"),
 }
 
+STEPS = 100
+"""Refiners edit rows before and after the checkpoint in the middle."""
+
 
 def rows(folder: Path) -> int:
     """Number of rows of a model; 500 at the start."""
     return next(len(v) for k, v in state(folder)["model"].items() if k.endswith("means.values"))
 
 
-def train(
-    method: str,
-    out: Path,
-    processes: int,
-    launcher: tuple[str, ...] = (),
-    shards: int = 0,
-    steps: int = 200,
-) -> str:
-    """Train by some processes; returns what was printed."""
-    words = ("train", *METHODS[method], *SCENE, f"steps={steps}", f"shards={shards}")
-    words += (f"checkpoint_every={steps // 2}", f"out={out}")
-    if launcher:
-        return finished((*launcher, "-m", "gsfw", *words)).stdout
-    return finished(command(*words, f"processes={processes}")).stdout
+def words(method: str, shards: int = 0) -> tuple[str, ...]:
+    """Settings of a run, but for its folder and its processes."""
+    every = (f"steps={STEPS}", f"checkpoint_every={STEPS // 2}", f"shards={shards}")
+    return (*METHODS[method], *SCENE, *every)
+
+
+@pytest.fixture(autouse=True)
+def undisturbed(monkeypatch) -> Iterator[None]:
+    """Give workers one thread; undo the handlers of signals that torch's launcher sets here."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT
+    handlers = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, handlers, strict=True):
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory) -> Path:
-    """A run of one process."""
-    folder = tmp_path_factory.mktemp("alone") / "run"
-    train("adc", folder, 1)
-    assert rows(folder) > 500, "refiners have edited rows"
-    return folder
+def alone(trained) -> Callable[..., dict]:
+    """Gives the last checkpoint of a run of one process: this one."""
+
+    def run(method: str, shards: int = 0) -> dict:
+        folder = trained(*words(method, shards), "processes=1")
+        assert rows(folder) > 500, "refiners have edited rows"
+        return state(folder)
+
+    return run
 
 
-@pytest.mark.parametrize("method", ["mcmc", "spacetime"])
-def test_one_and_four_processes_train_the_same_bits(tmp_path, method):
-    train(method, tmp_path / "1", 1)
-    assert rows(tmp_path / "1") > 500
-    train(method, tmp_path / "4", 4)
-    assert_same_bits(state(tmp_path / "4"), state(tmp_path / "1"))
+def go_on(run: RunFolder, processes: int) -> None:
+    """Resume a finished run from the checkpoint in its middle."""
+    run.checkpoint(STEPS).unlink()
+    run.summary.unlink()
+    assert main(["resume", str(run.path), f"processes={processes}"]) == 0
+
+
+@pytest.mark.parametrize(("method", "processes"), [("mcmc", 4), ("spacetime", 3)])
+def test_several_processes_train_the_bits_of_one(tmp_path, alone, method, processes):
+    out = tmp_path / "run"
+    assert main(["train", *words(method), f"processes={processes}", f"out={out}"]) == 0
+    assert_same_bits(state(out), alone(method))
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_processes_that_share_the_gaussians_train_the_bits_of_one(tmp_path, method):
-    one, four = RunFolder(tmp_path / "1"), RunFolder(tmp_path / "4")
-    train(method, one.path, 1, shards=4, steps=100)
-    assert rows(one.path) > 500
-    assert "4 processes" in train(method, four.path, 4, shards=4, steps=100)
-    assert_same_bits(state(four.path), state(one.path))
-    four.checkpoint(100).unlink()
-    four.summary.unlink()
-    finished(command("resume", str(four.path), "processes=2"))
-    assert_same_bits(state(four.path), state(one.path))
-
-
-def test_four_processes_train_the_bits_of_one(tmp_path, alone):
-    train("adc", tmp_path / "4", 4)
-    assert_same_bits(state(tmp_path / "4"), state(alone))
+def test_processes_that_share_the_gaussians_train_the_bits_of_one(tmp_path, capfd, alone, method):
+    run, size = RunFolder(tmp_path / "run"), 4 if method == "adc" else 3
+    arguments = (*words(method, shards=4), f"processes={size}", f"out={run.path}")
+    assert main(["train", *arguments]) == 0
+    assert f"{size} processes" in capfd.readouterr().out
+    assert_same_bits(state(run.path), alone(method, 4))
+    if method == "spacetime":
+        go_on(run, 2)
+        assert_same_bits(state(run.path), alone(method, 4))
 
 
 def test_a_run_of_torchrun_goes_on_with_another_number_of_processes(tmp_path, alone):
     two = RunFolder(tmp_path / "two")
-    said = train("adc", two.path, 2, TORCHRUN)
+    arguments = ("train", *words("adc"), f"out={two.path}")
+    said = finished((*TORCHRUN, "-m", "gsfw", *arguments)).stdout
     assert said.count("method 3dgs") == 1, "the first process alone prints"
     assert "2 processes for 4 views of a step" in said
-    assert_same_bits(state(two.path), state(alone))
-    two.checkpoint(200).unlink()
-    two.summary.unlink()
-    finished(command("resume", str(two.path), "processes=3"))
-    assert_same_bits(state(two.path), state(alone))
+    assert_same_bits(state(two.path), alone("adc"))
+    go_on(two, 3)
+    assert_same_bits(state(two.path), alone("adc"))
 
 
 @needs_proc
@@ -156,12 +164,9 @@ def test_a_killed_process_ends_the_others_and_the_checkpoint_goes_on(tmp_path, r
         (("method=4d-rotor", "shards=2", "datamanager.moving=true", "steps=9"), "other rows"),
     ],
 )
-def test_mistakes_have_one_message(tmp_path, words, sentence):
-    done = subprocess.run(
-        command("train", *words, "processes=2", f"out={tmp_path / 'run'}"),
-        check=False, capture_output=True, text=True, env=ONE_THREAD, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert len(re.findall("error:", done.stderr)) == 1
-    assert re.search(sentence, done.stderr), done.stderr
+def test_mistakes_have_one_message(tmp_path, capfd, words, sentence):
+    assert main(["train", *words, "processes=2", f"out={tmp_path / 'run'}"]) == 2
+    said = capfd.readouterr().err
+    assert len(re.findall("error:", said)) == 1
+    assert re.search(sentence, said), said
     assert not (tmp_path / "run").exists()
