@@ -81,7 +81,7 @@ def test_an_interrupt_during_an_image_is_delivered_when_it_is_done():
     program = """
 drawn = []
 began = time.perf_counter()
-draw(20_000, 256, SMOOTH)
+draw(8000, 128, SMOOTH)
 seconds = time.perf_counter() - began
 
 def interrupt():
@@ -91,7 +91,7 @@ def interrupt():
 try:
     threading.Thread(target=interrupt).start()
     for _ in range(100):
-        drawn.append(draw(20_000, 256, SMOOTH)[0])
+        drawn.append(draw(8000, 128, SMOOTH)[0])
 except KeyboardInterrupt:
     print("interrupted", len(drawn) < 100)
 print(draw()[0].isfinite().all().item())
@@ -102,7 +102,7 @@ print(draw()[0].isfinite().all().item())
 def test_other_python_threads_go_on_while_an_image_is_drawn():
     program = """
 ticks, drawing = [], threading.Event()
-splats = random_splats(5000, 1)
+splats = random_splats(4000, 1)
 
 def tick():
     drawing.wait()
@@ -114,7 +114,7 @@ thread = threading.Thread(target=tick)
 thread.start()
 drawing.set()
 start = time.perf_counter()
-CpuRasterizer().render(splats, front_camera(400, 400), SMOOTH)
+CpuRasterizer().render(splats, front_camera(200, 200), SMOOTH)
 end = time.perf_counter()
 drawing.clear()
 thread.join()
