@@ -16,12 +16,15 @@ from support.native_programs import (
 HERE = Path(__file__).parent
 
 SANITIZERS = {
+    # Unoptimised: the compiler removes nothing that is undefined.
     "address": [
+        "-O0",
         "-fsanitize=address,undefined,float-cast-overflow",
         "-fno-sanitize-recover=all",
         "-fno-omit-frame-pointer",
     ],
-    "thread": ["-fsanitize=thread"],
+    # Optimised: the programs run four times as fast, and compile in twice the time.
+    "thread": ["-O1", "-fsanitize=thread"],
 }
 
 OPTIONS = {
@@ -41,9 +44,9 @@ class Build:
 
 @pytest.fixture(scope="module", params=list(SANITIZERS))
 def build(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """Compiled once for all programs, quickly and not to run fast."""
+    """Compiled once for all programs."""
     folder = tmp_path_factory.mktemp(request.param)
-    flags = ["-O0", "-g", *SANITIZERS[request.param]]
+    flags = ["-g", *SANITIZERS[request.param]]
     _skip_without(request.param, flags, folder)
     return Build(flags, compile_engine(compiler(), linked_sets(MACHINE), flags, folder), folder)
 
