@@ -1,8 +1,9 @@
-"""Runs as users start them: in a process of their own, interrupted, killed, repeated."""
+"""Runs as users start them: interrupted, killed, repeated, refused."""
 
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 from support.states import assert_same_bits
 
+from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
 SMALL = (
@@ -128,53 +130,49 @@ def test_the_same_seed_gives_the_same_bits_with_more_than_50000_rows(tmp_path):
     assert_same_bits(last_state(tmp_path / "one"), last_state(tmp_path / "two"))
 
 
+# A process of its own proves nothing more of what follows.
+
+
 @pytest.mark.slow
-def test_another_seed_gives_other_bits(tmp_path):
-    for seed in ("1", "2"):
-        train(tmp_path / seed, f"seed={seed}", "steps=10")
-    assert figures(tmp_path / "1") != figures(tmp_path / "2")
+def test_another_seed_gives_other_bits(trained):
+    one, two = (trained("method=3dgs", *SMALL, f"seed={seed}", "steps=10") for seed in (1, 2))
+    assert figures(one) != figures(two)
 
 
-def refused(*arguments: str) -> str:
+def refused(capsys, *arguments: str) -> str:
     """What a run that must be refused says: one message, exit code 2, no traceback."""
-    result = subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
-    assert result.returncode == 2, result.stdout + result.stderr
-    assert "Traceback" not in result.stderr
-    return result.stderr
+    assert main(["train", "method=3dgs", *SMALL, *arguments]) == 2
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    return said
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_one_message_and_leaves_nothing(tiny_disk):
-    out = tiny_disk / "run"
-    said = refused("train", "method=3dgs", *SMALL, "datamanager.points=20000", f"out={out}")
+def test_a_full_disk_is_one_message_and_leaves_nothing(tiny_disk, capsys):
+    said = refused(capsys, "datamanager.points=20000", f"out={tiny_disk / 'run'}")
     assert "the disk is full" in said
     assert "out=DIR" in said
     assert list(tiny_disk.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_a_place_that_cannot_be_written_to_is_one_message(tmp_path):
+def test_a_place_that_cannot_be_written_to_is_one_message(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
-    said = refused("train", "method=3dgs", *SMALL, f"out={tmp_path / 'file' / 'run'}")
-    assert "cannot be written" in said
+    assert "cannot be written" in refused(capsys, f"out={tmp_path / 'file' / 'run'}")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
 @pytest.mark.slow
-def test_an_existing_run_folder_is_not_touched(tmp_path):
-    out = tmp_path / "run"
-    train(out, "steps=2")
+def test_an_existing_run_folder_is_not_touched(finished_run, tmp_path, capsys):
+    out = shutil.copytree(finished_run, tmp_path / "run")
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
-    said = refused("train", "method=3dgs", *SMALL, f"out={out}")
-    assert f"gsfw resume {out}" in said
+    assert f"gsfw resume {out}" in refused(capsys, f"out={out}")
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
 
 
 @pytest.mark.slow
-def test_a_finished_run_has_everything_the_readme_promises(tmp_path):
-    out = tmp_path / "run"
-    train(out, "steps=30")
-    folder = RunFolder(out)
+def test_a_finished_run_has_everything_the_readme_promises(finished_run):
+    folder = RunFolder(finished_run)
     promised = [folder.config, folder.summary, folder.metrics_log, folder.log, folder.splats]
     assert all(path.is_file() for path in promised)
     assert list(folder.tensorboard.iterdir())
