@@ -111,26 +111,23 @@ def exchange_checks(costs: Costs, times: Mapping[int, float]) -> Iterator[Check]
         yield Check(name, formulas.band_copies(scene.view, size), found, "bands")
 
 
-def training_checks(
-    costs: Costs, runs: tuple[Trained, Trained, Trained], points: tuple[int, int] = (POINTS, MORE)
-) -> Iterator[Check]:
+def training_checks(costs: Costs, runs: tuple[Trained, Trained, Trained]) -> Iterator[Check]:
     """Memory, bytes and time of whole runs.
 
     Args:
         costs: of this machine.
-        runs: one process, one with more points, and two processes.
-        points: numbers of Gaussians of the first and last, and of the one with more.
+        runs: one process with ``POINTS`` Gaussians, one with ``MORE``, and two with ``POINTS``.
     """
     one, more, two = runs
     images = 32 * 160 * 120 * 3
-    for run, rows, name in ((one, points[0], ""), (more, points[1], ""), (two, points[0], " of 2")):
+    for run, rows, name in ((one, POINTS, ""), (more, MORE, ""), (two, POINTS, " of 2")):
         expected = (formulas.memory_bytes(rows, rows) + images) / 1e6
         peak = run.document["peak_memory_mb"]
         yield Check(f"peak memory of a process{name}, {rows} Gaussians", expected, peak, "MB")
     saved = one.document["model_bytes"] + one.document["optimizer_bytes"]
-    yield Check("checkpoint", formulas.checkpoint_bytes(points[0]) / 1e6, saved / 1e6, "MB")
-    parameters = points[0] * formulas.ROW_NUMBERS
-    sent = formulas.data_parallel_bytes(parameters, 2, 2, points[0], 2)
+    yield Check("checkpoint", formulas.checkpoint_bytes(POINTS) / 1e6, saved / 1e6, "MB")
+    parameters = POINTS * formulas.ROW_NUMBERS
+    sent = formulas.data_parallel_bytes(parameters, 2, 2, POINTS, 2)
     found = two.document["bytes_sent"] / STEPS
     yield Check("data parallel: bytes of a step and process, 2 views", sent, found, "bytes")
     exchanged = formulas.exchange_seconds(costs, Machine(1, 8000, float("inf")), sent, 5, 2)

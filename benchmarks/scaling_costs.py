@@ -35,7 +35,8 @@ from gsfw.studies.bench.workload import Workload, scattered
 
 CPU = torch.device("cpu")
 SETTINGS = RenderSettings(background=torch.zeros(3))
-REPEATS = 7
+REPEATS, EXCHANGES = 7, 30
+"""Measurements of a step and of an exchange."""
 ROWS, WIDTH, HEIGHT = 20_000, 320, 210
 """The case by which splats, pairs and pixels are measured."""
 HIDDEN = 100_000
@@ -75,7 +76,7 @@ def case(rows: int, width: int, height: int) -> Case:
     return Case(splats, camera, view)
 
 
-def step_times(scene: Case, repeats: int = REPEATS) -> Mapping[str, float]:
+def step_times(scene: Case, repeats: int) -> Mapping[str, float]:
     """CPU seconds of a step and of its stages, in the median, with one thread."""
     step = TrainingStep(Workload("", scene.splats, scene.camera), CpuOperators())
     rasterizer, timings = CpuRasterizer(), Timings()
@@ -97,17 +98,18 @@ def step_times(scene: Case, repeats: int = REPEATS) -> Mapping[str, float]:
     }
 
 
-def compute_costs(repeats: int = REPEATS) -> Costs:
+def compute_costs() -> Costs:
     """All constants of computing; those of the network are 0 and infinite."""
     seen = case(ROWS, WIDTH, HEIGHT)
-    full = step_times(seen, repeats)
-    held = step_times(seen.hiding(HIDDEN), repeats)
+    full = step_times(seen, REPEATS)
+    held = step_times(seen.hiding(HIDDEN), REPEATS)
     ends = ("check", "optimizer")
     step_row = sum(held[name] - full[name] for name in ends) / HIDDEN
     view_row = (held["step"] - full["step"]) / HIDDEN - step_row
     pixel = full["loss"] / seen.view.pixels
     pair = (full["blend"] + full["blend_backward"]) / seen.view.pairs
-    nothing = step_times(seen_by_none(), repeats)
+    # Ten Gaussians on a picture of one tile.
+    nothing = step_times(case(10, 16, 16), REPEATS)
     fixed = max(nothing["step"] - nothing["loss"], 0.0)
     rest = full["step"] - fixed - seen.rows * (step_row + view_row)
     rest -= seen.view.pixels * pixel + seen.view.pairs * pair
@@ -124,20 +126,16 @@ def compute_costs(repeats: int = REPEATS) -> Costs:
     )
 
 
-def seen_by_none() -> Case:
-    """Ten Gaussians on a picture of one tile."""
-    return case(10, 16, 16)
-
-
-def decode_seconds(side: int = 1000, repeats: int = REPEATS) -> float:
+def decode_seconds() -> float:
     """CPU seconds for a pixel of a JPEG of quality 90, of a smooth picture with some noise."""
+    side = 1000
     ramp = np.linspace(0, 200, side)
     noise = np.random.default_rng(0).normal(0, 4, (side, side, 3))
     picture = np.clip(ramp[:, None, None] / 2 + ramp[None, :, None] / 2 + noise, 0, 255)
     file = io.BytesIO()
     Image.fromarray(picture.astype(np.uint8)).save(file, "JPEG", quality=90)
     times = []
-    for _ in range(repeats):
+    for _ in range(REPEATS):
         began = time.process_time()
         np.asarray(Image.open(io.BytesIO(file.getvalue())))
         times.append(time.process_time() - began)
@@ -147,14 +145,14 @@ def decode_seconds(side: int = 1000, repeats: int = REPEATS) -> float:
 # The network.
 
 
-def network_times(repeats: int = 30) -> Mapping[int, float]:
+def network_times() -> Mapping[int, float]:
     """Least wall seconds of an all-to-all of two processes, by the bytes that each sends."""
     context = mp.get_context("spawn")
     queue = context.SimpleQueue()
     store = TCPStore("127.0.0.1", 0, is_master=True, wait_for_workers=False)
     sizes = (SMALL, LARGE // 4, LARGE)
     workers = [
-        context.Process(target=_exchanging, args=(rank, store.port, sizes, repeats, queue))
+        context.Process(target=_exchanging, args=(rank, store.port, sizes, queue))
         for rank in range(2)
     ]
     for worker in workers:
@@ -169,7 +167,6 @@ def _exchanging(
     rank: int,
     port: int,
     sizes: tuple[int, ...],
-    repeats: int,
     queue: mp.SimpleQueue,  # type: ignore[type-arg]
 ) -> None:
     os.environ["GLOO_SOCKET_IFNAME"] = "lo"
@@ -180,7 +177,7 @@ def _exchanging(
     for size in sizes:
         sent, rooms = ([[torch.zeros(size // 8)] for _ in range(2)] for _ in range(2))
         times = []
-        for _ in range(repeats):
+        for _ in range(EXCHANGES):
             began = time.perf_counter()
             group.exchange_into(sent, rooms)
             times.append(time.perf_counter() - began)

@@ -1,8 +1,7 @@
 """Faults: stragglers and failures of machines, simulated, with the formulas beside them.
 
-The interval of checkpoints is that of Young 1974 ("A first order approximation to the optimum
-checkpoint interval") and Daly 2006 ("A higher order estimate of the optimum checkpoint interval
-for restart dumps").
+The interval of checkpoints is that of Daly 2006 ("A higher order estimate of the optimum checkpoint
+interval for restart dumps").
 """
 
 from __future__ import annotations
@@ -11,11 +10,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-
-
-def young_interval(checkpoint: float, between_failures: float) -> float:
-    """Seconds of work between checkpoints: sqrt(2 d M)."""
-    return math.sqrt(2 * checkpoint * between_failures)
 
 
 def daly_interval(checkpoint: float, between_failures: float) -> float:

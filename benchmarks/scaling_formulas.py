@@ -13,12 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gsfw.core.training_memory import (
-    BASE_BYTES,
-    POINT_BYTES,
-    START_BYTES,
-    USUAL_ROW,
-)
+from gsfw.core.training_memory import BASE_BYTES, POINT_BYTES, START_BYTES, USUAL_ROW
 from gsfw.planning.costs import GAUSSIANS_PER_PIXEL
 
 ROW_BYTES = USUAL_ROW.peak
@@ -27,8 +22,6 @@ ROW_NUMBERS = 59
 """Parameters of a Gaussian of SH degree 3: 3 + 3 + 4 + 1 + 48."""
 FLOAT = 4
 """Bytes of a float32."""
-OPTIMIZED = 4
-"""Copies of a parameter: itself, its gradient and two moments of Adam."""
 CHECKPOINTED = 3
 """Copies of a parameter in a checkpoint: itself and two moments."""
 SPLAT_BYTES = 15 * FLOAT
@@ -114,11 +107,6 @@ class Machine:
 
 
 # Memory, in bytes per process.
-
-
-def optimizer_bytes(rows: float) -> float:
-    """Bytes of parameters, gradients and moments of so many rows: 16 bytes a parameter."""
-    return rows * ROW_NUMBERS * FLOAT * OPTIMIZED
 
 
 def memory_bytes(rows: float, points: float = 0.0) -> float:
@@ -250,9 +238,9 @@ def gaussian_parallel_seconds(
 # Blocks.
 
 
-def block_overlap(margin: float = MARGIN) -> float:
+def block_overlap() -> float:
     """Area of a square cell with its margin over that of the cell."""
-    return (1 + 2 * margin) ** 2
+    return (1 + 2 * MARGIN) ** 2
 
 
 def block_rows(rows: float, blocks: int) -> float:

@@ -32,9 +32,9 @@ class Defect:
     """The test that keeps it: ``tests/...py::test_name``."""
 
 
-def defects(path: Path = DEFECTS) -> list[Defect]:
+def defects() -> list[Defect]:
     """Read the defects that were found."""
-    return [Defect(**each) for each in yaml.safe_load(path.read_text()) or []]
+    return [Defect(**each) for each in yaml.safe_load(DEFECTS.read_text()) or []]
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Kept:
     """Each as ``tests/...py::test_name``."""
 
 
-def kept_by_tests(path: Path = KEPT_BY_TESTS) -> list[Kept]:
+def kept_by_tests() -> list[Kept]:
     """Read the promises that ordinary tests keep."""
-    return [Kept(**each) for each in yaml.safe_load(path.read_text())]
+    return [Kept(**each) for each in yaml.safe_load(KEPT_BY_TESTS.read_text())]
 
 
 def page(records: Sequence[Record], found: Sequence[Defect], kept: Sequence[Kept] = ()) -> str:

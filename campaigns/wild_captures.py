@@ -43,11 +43,6 @@ class Capture:
         times = None if self.times is None else self.times[:views]
         return replace(self, poses=self.poses[:views], images=self.images[:views], times=times)
 
-    def with_image(self, view: int, image: NDArray[np.generic]) -> Capture:
-        """The same with another image in one view."""
-        images = (*self.images[:view], image, *self.images[view + 1 :])
-        return replace(self, images=images)
-
     def write(self, folder: Path) -> Path:
         """Write a transforms.json, its images and its points; returns the folder."""
         folder.mkdir(parents=True)

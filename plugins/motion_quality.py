@@ -22,7 +22,7 @@ OFF_GRID = 0.47
 
 
 @torch.no_grad()
-def motion_psnr(restored: Restored, file: MotionFile, most: int = VIEWS) -> float:
+def motion_psnr(restored: Restored, file: MotionFile) -> float:
     """PSNR in dB of images of a file, with those of its model as the truth.
 
     Training views, evenly spread, are rendered at times that are neither of the data nor sampled by
@@ -31,11 +31,10 @@ def motion_psnr(restored: Restored, file: MotionFile, most: int = VIEWS) -> floa
     Args:
         restored: the run.
         file: of its motion, in the scene frame.
-        most: number of views and times.
     """
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     cameras = parts.data.views(Split.TRAIN).cameras
-    chosen = spread(range(len(cameras)), most)
+    chosen = spread(range(len(cameras)), VIEWS)
     found: list[float] = []
     for place, index in enumerate(tracked(chosen, "comparing images", len(chosen))):
         moment = (place + OFF_GRID) / len(chosen)

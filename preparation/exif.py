@@ -45,7 +45,6 @@ class Exif:
     """Focal length in millimetres."""
     focal_35mm: float | None = None
     """The focal length that would show as much on 36x24 mm film, in millimetres."""
-    exposure_seconds: float | None = None
     taken: str = ""
     """When, as "YYYY:MM:DD HH:MM:SS"."""
     pixels_per_mm: float | None = None
@@ -113,7 +112,6 @@ def _read(tags: Mapping[int, Any]) -> Exif:
         lens=_text(tags.get(Base.LensModel)),
         focal_mm=_number(tags.get(Base.FocalLength)),
         focal_35mm=_number(tags.get(Base.FocalLengthIn35mmFilm)),
-        exposure_seconds=_number(tags.get(Base.ExposureTime)),
         taken=taken if DATE.fullmatch(taken) else "",
         pixels_per_mm=_pixels_per_mm(tags),
         longer_edge=None if longer_edge is None else int(longer_edge),

@@ -25,12 +25,12 @@ def loss_chart(record: RunRecord) -> Chart:
     """The loss; logarithmic, since it falls by orders of magnitude."""
     points = record.series("loss")
     is_ratio = bool(points) and min(value for _, value in points) > 0
-    return Chart("Loss", "step", _raw_and_mean("training image", points, 0), is_ratio=is_ratio)
+    return Chart("Loss", "step", _raw_and_mean(points), is_ratio=is_ratio)
 
 
 def psnr_chart(record: RunRecord) -> Chart:
     """PSNR of training images and of held-out ones, above the level of one colour."""
-    curves = list(_raw_and_mean("training image", record.series("psnr"), 0))
+    curves = list(_raw_and_mean(record.series("psnr")))
     held_out = record.series("eval/psnr")
     curves.append(Curve("held-out views", held_out, 1, "dots"))
     level = record.baseline("constant_psnr")
@@ -91,8 +91,9 @@ def _over_time(record: RunRecord, key: str) -> list[Point]:
     return points
 
 
-def _raw_and_mean(name: str, points: list[Point], color: int) -> tuple[Curve, ...]:
-    """Values of single steps, pale, and their mean over neighbours."""
+def _raw_and_mean(points: list[Point]) -> tuple[Curve, ...]:
+    """Values of the training images of single steps, pale, and their mean over neighbours."""
+    name = "training image"
     if len(points) <= FEW:
-        return (Curve(name, points, color),)
-    return (Curve(name, points, color, "faint"), Curve(name, smoothed(points), color))
+        return (Curve(name, points, 0),)
+    return (Curve(name, points, 0, "faint"), Curve(name, smoothed(points), 0))

@@ -90,9 +90,9 @@ def note(text: str) -> Markup:
     return element("p", [f"{words}: ", element("code", f"gsfw {command}")])
 
 
-def bullet_list(items: Iterable[Child], style_class: str = "plain") -> Markup:
+def bullet_list(items: Iterable[Child]) -> Markup:
     """A list of sentences."""
-    return element("ul", [element("li", item) for item in items], {"class": style_class})
+    return element("ul", [element("li", item) for item in items], {"class": "plain"})
 
 
 def table(head: Iterable[Child], rows: Iterable[Iterable[Child]], style_class: str = "") -> Markup:

@@ -11,12 +11,13 @@ import torch
 from torch import Tensor
 
 from gsfw.core.batch import Batch
+from gsfw.core.config import replace_at
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import DataError, UserError
 from gsfw.plugins.automatic import BUILT_IN_SCENE
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
-from gsfw.testing.trial import SCENE, difference, replaced
+from gsfw.testing.trial import SCENE, difference
 
 CPU = torch.device("cpu")
 MOST_VIEWS = 4
@@ -40,7 +41,7 @@ def _opened(subject: Subject, path: Path | None = None, **changes: object) -> Da
     if subject.name == BUILT_IN_SCENE and subject.data is None:
         for key, value in SCENE.items():
             if key.startswith("datamanager."):
-                config = replaced(config, key.partition(".")[2], value)
+                config = replace_at(config, key.partition(".")[2], value)
     place = subject.data if path is None else path
     request = replace(DataRequest(place, eval_every_nth=3), **changes)  # type: ignore[arg-type]
     try:

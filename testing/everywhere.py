@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from gsfw.core.config import replace_at
 from gsfw.core.errors import UserError
 from gsfw.plugins import hooks
 from gsfw.plugins.conformance import problem_of, signature_problem
@@ -23,7 +24,7 @@ from gsfw.plugins.specs import PROJECT
 from gsfw.plugins.values import as_text, parse, plain
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
-from gsfw.testing.trial import Builder, replaced
+from gsfw.testing.trial import Builder
 
 HEAVY = ("torch", "numpy", "scipy", "matplotlib", "PIL")
 """Modules that no registration imports: they take a second of every verb."""
@@ -144,7 +145,7 @@ def _bad_values_are_refused(subject: Subject) -> None:
         if key.owner.__module__.startswith("gsfw.core.") or key.kind not in (int, float):
             continue
         for text in NUMBERS if key.kind is float else NUMBERS[:2]:
-            config = replaced(subject.target(), key.name, parse(key.kind, text))
+            config = replace_at(subject.target(), key.name, parse(key.kind, text))
             try:
                 builder.build(config)
             except UserError as error:

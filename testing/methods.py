@@ -123,7 +123,6 @@ def _resumes(subject: Subject) -> None:
     require_equal_resume(
         run,
         HALF,
-        STEPS,
         "Keep all that changes while training in the columns, parameter groups, buffers or "
         "state_dict of the method; draw random numbers from the given generator alone.",
     )

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from gsfw.core.callback import Callback, Control, StepReport
-from gsfw.core.config import MethodConfig, replace_at
+from gsfw.core.config import MethodConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
@@ -157,15 +157,15 @@ def difference(first: object, second: object) -> str:
     return next((f"{key} differs" for key in one if not _same(one[key], other[key])), "")
 
 
-def require_equal_resume(run: Trial, at: int, steps: int, advice: str) -> None:
-    """Require a finished run, resumed at an earlier step, to end with the same bits.
+def require_equal_resume(run: Trial, at: int, advice: str) -> None:
+    """Require a finished run of ``STEPS``, resumed at an earlier step, to end with the same bits.
 
     Raises:
         BrokenPromise: it ends with others; names the first.
     """
-    whole = run.state(steps)
+    whole = run.state(STEPS)
     run.resumed(at).fit()
-    found = difference(whole, run.state(steps))
+    found = difference(whole, run.state(STEPS))
     require(not found, f"resumed at step {at}, {found}.", advice)
 
 
@@ -216,17 +216,12 @@ def _bytes(tensor: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=4)
-def tiny_data(moving: bool = False, eval_views: int = 1) -> DataManager:
+def tiny_data(moving: bool) -> DataManager:
     """The built-in scene at its smallest, static or moving; images are cast when asked for."""
     config = SyntheticConfig(
-        views=6, eval_views=eval_views, width=24, height=18, points=80, moving=moving, times=3
+        views=6, eval_views=1, width=24, height=18, points=80, moving=moving, times=3
     )
     return config.build(DataRequest(None))
-
-
-def replaced(config: Any, key: str, value: object) -> Any:  # noqa: ANN401 - any configuration
-    """The configuration with another value of a setting."""
-    return replace_at(config, key, value)
 
 
 class Builder:

@@ -33,8 +33,6 @@ class Observations:
     """Numbers of the features in their images."""
     image_ids: Int64[np.ndarray, " r"]
     """COLMAP's ids of the registered images, ascending."""
-    point_ids: Int64[np.ndarray, " p"]
-    """COLMAP's ids of the points."""
     positions: Float64[np.ndarray, "p 3"]
     """Positions of the points, in the model's units."""
 
@@ -42,10 +40,9 @@ class Observations:
     def of(model: Reconstruction) -> Observations:
         """Read a model."""
         seen: list[tuple[int, int]] = []
-        ids, positions, lengths = [], [], []
-        for number, point in model.points3D.items():
+        positions, lengths = [], []
+        for point in model.points3D.values():
             elements = point.track.elements
-            ids.append(number)
             positions.append(point.xyz)
             lengths.append(len(elements))
             seen += [(element.image_id, element.point2D_idx) for element in elements]
@@ -53,10 +50,9 @@ class Observations:
         image_ids = np.array(sorted(model.reg_image_ids()), dtype=np.int64)
         return Observations(
             images=np.searchsorted(image_ids, table[:, 0]).astype(np.int64),
-            points=np.repeat(np.arange(len(ids), dtype=np.int64), lengths),
+            points=np.repeat(np.arange(len(positions), dtype=np.int64), lengths),
             features=table[:, 1],
             image_ids=image_ids,
-            point_ids=np.array(ids, dtype=np.int64),
             positions=np.array(positions, dtype=np.float64).reshape(-1, 3),
         )
 

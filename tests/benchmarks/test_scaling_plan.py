@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scaling_faults as faults
 import scaling_formulas as formulas
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scaling_checks import counted_copies
@@ -41,20 +40,16 @@ sizes = st.integers(1, 512)
 # Counted.
 
 
-def test_memory_of_the_optimizer_is_that_of_its_tensors():
+def test_a_checkpoint_holds_the_tensors_and_moments_of_the_optimizer():
     splats = with_harmonics(case(30, 16, 16).splats)
     rates = {name: LearningRate(RATE) for name in COLUMNS}
     model = StaticGaussians(from_splats(splats, 3), rates)
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
     tensors = optimizer.tensors()
-    for tensor in tensors:
-        tensor.grad = torch.zeros_like(tensor)
     moments = optimizer.state_dict()["moments"].values()
     saved = [item[name].nbytes for group in moments for item in group for name in MOMENTS]
-    held = [tensor.nbytes for tensor in (*tensors, *optimizer.gradients())]
-    assert sum(held + saved) == formulas.optimizer_bytes(30)
-    assert sum(held[: len(tensors)] + saved) == formulas.checkpoint_bytes(30)
-    assert formulas.memory_bytes(30) - formulas.memory_bytes(0) >= formulas.optimizer_bytes(30)
+    held = [tensor.nbytes for tensor in tensors]
+    assert sum(held + saved) == formulas.checkpoint_bytes(30)
 
 
 def test_memory_is_that_by_which_scenes_are_cut():
@@ -164,7 +159,6 @@ def test_other_intervals_of_checkpoints_are_not_better(checkpoint, between):
         return faults.time_with_failures(1e6, interval, checkpoint, 60.0, between)
 
     assert all(time(best) <= 1.001 * time(best * factor) for factor in (0.5, 0.8, 1.25, 2.0))
-    assert best == pytest.approx(faults.young_interval(checkpoint, between), rel=0.35)
 
 
 def test_processes_wait_for_the_slowest():

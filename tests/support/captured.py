@@ -106,11 +106,11 @@ def write(folder: Path, images: Iterable[np.ndarray], extension: str = ".png") -
     return tuple(paths)
 
 
-def image_set(paths: Iterable[Path], in_order: bool = False, group: str = "") -> ImageSet:
+def image_set(paths: Iterable[Path]) -> ImageSet:
     """The set of some files."""
     return ImageSet(
-        tuple(SourceImage(path.name, path, read_header(path), Exif(), group) for path in paths),
-        in_order=in_order,
+        tuple(SourceImage(path.name, path, read_header(path), Exif(), "") for path in paths),
+        in_order=False,
     )
 
 

@@ -195,12 +195,12 @@ class Page:
         """Move the mouse."""
         self._mouse("mouseMoved", x, y)
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], moves: int = 10) -> None:
-        """Drag with the left button, in some moves."""
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Drag with the left button, in ten moves."""
         self.move(*start)
         self._mouse("mousePressed", *start, button="left", buttons=1, clickCount=1)
-        for part in range(1, moves + 1):
-            x, y = (a + (b - a) * part / moves for a, b in zip(start, end, strict=True))
+        for part in range(1, 11):
+            x, y = (a + (b - a) * part / 10 for a, b in zip(start, end, strict=True))
             self._mouse("mouseMoved", x, y, button="left", buttons=1)
         self._mouse("mouseReleased", *end, button="left", clickCount=1)
 
@@ -242,14 +242,9 @@ class Page:
             uploadThroughput=-1,
         )
 
-    def screenshot(self, path: Path | None = None, whole: bool = False) -> np.ndarray:
-        """The page as [h w 3] uint8; written to ``path`` as PNG too.
-
-        Args:
-            path: file to write; ``None`` for none.
-            whole: true for the whole document, not only the visible part.
-        """
-        taken = self.command("Page.captureScreenshot", captureBeyondViewport=whole)
+    def screenshot(self, path: Path | None = None) -> np.ndarray:
+        """The visible part of the page as [h w 3] uint8; written to ``path`` as PNG too."""
+        taken = self.command("Page.captureScreenshot")
         content = base64.b64decode(taken["data"])
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -341,15 +336,14 @@ class Chromium:
 
 
 @contextmanager
-def chromium(profile: Path, flags: tuple[str, ...] = ()) -> Iterator[Chromium]:
+def chromium(profile: Path) -> Iterator[Chromium]:
     """Start a browser, and end it in any case.
 
     Args:
         profile: an empty folder for its files, such as ``tmp_path / "chromium"``.
-        flags: further flags of the command line.
     """
     assert EXECUTABLE is not None, "mark the test with needs_chromium"
-    command = [EXECUTABLE, *FLAGS, *flags, f"--user-data-dir={profile}"]
+    command = [EXECUTABLE, *FLAGS, f"--user-data-dir={profile}"]
     process = subprocess.Popen(
         [*command, "--remote-debugging-port=0", "about:blank"],
         stdout=subprocess.DEVNULL,

@@ -27,11 +27,12 @@ WORLD = composed(
 """A world that is not the scene frame."""
 
 
-def cameras_around(count: int = 4, distance: float = 3.0, times: bool = False) -> list[Cameras]:
-    """Level cameras around the origin of the scene frame."""
+def cameras_around(times: bool) -> list[Cameras]:
+    """Four level cameras around the origin of the scene frame."""
+    count = 4
     angles = torch.arange(count) * (2 * torch.pi / count)
     places = torch.stack([angles.cos(), 0.3 * torch.ones(count), angles.sin()], dim=1)
-    cameras = Cameras.look_at(distance * places, width=32, height=24)
+    cameras = Cameras.look_at(3.0 * places, width=32, height=24)
     if times:
         cameras = replace(cameras, time=torch.linspace(0, 1, count))
     return [cameras.select([index]) for index in range(count)]
@@ -40,7 +41,7 @@ def cameras_around(count: int = 4, distance: float = 3.0, times: bool = False) -
 def capture(world: Similarity = WORLD, invented: bool = False, times: bool = False) -> Capture:
     """A capture of the scene frame."""
     return Capture(
-        cameras=tuple(cameras_around(times=times)),
+        cameras=tuple(cameras_around(times)),
         world_from_scene=world,
         rasterizer=fast_rasterizer(),
         settings=RenderSettings(background=torch.ones(3)),

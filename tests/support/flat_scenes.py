@@ -8,11 +8,11 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.splats import Splats
 
 
-def flat_camera(width: int, height: int, dtype: torch.dtype = torch.float64) -> Cameras:
+def flat_camera(width: int, height: int) -> Cameras:
     """An orthographic camera that draws the point (x, y, z) at pixel (x, y), depth z."""
     return Cameras(
-        torch.eye(4, dtype=dtype)[None],
-        torch.eye(3, dtype=dtype)[None],
+        torch.eye(4, dtype=torch.float64)[None],
+        torch.eye(3, dtype=torch.float64)[None],
         width,
         height,
         CameraModel.ORTHOGRAPHIC,

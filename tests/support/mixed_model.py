@@ -91,11 +91,9 @@ def row_values(column: Column, values: torch.Tensor | None = None) -> list[list[
     return [row.flatten().tolist() for row in rows]
 
 
-def with_optimizer(
-    model: PrimitiveModel, settings: OptimizerSettings | None = None
-) -> tuple[Optimizer, SplatTable]:
+def with_optimizer(model: PrimitiveModel) -> tuple[Optimizer, SplatTable]:
     """An optimizer whose moments differ from row to row, and the table over both."""
-    optimizer = Optimizer(model, Operators(), settings or OptimizerSettings())
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
     for name, column in model.columns().items():
         if column.trained:
             for moments in optimizer.moments(name):

@@ -2,7 +2,6 @@
 
 import torch
 
-from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.splats import Sh, Splats
 
@@ -50,9 +49,3 @@ def shape_error(splats: Splats, expected: torch.Tensor) -> float:
 def largest(first: torch.Tensor, second: torch.Tensor) -> float:
     """Largest difference of two tensors."""
     return float((first.double() - second.double()).abs().max())
-
-
-def same_content(first: SplatFile, second: SplatFile) -> bool:
-    """True if two files hold the same numbers."""
-    others = second.splats.tensors()
-    return all(torch.equal(value, others[name]) for name, value in first.splats.tensors().items())

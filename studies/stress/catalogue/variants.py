@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -58,7 +58,6 @@ def ordinary() -> Splats:
 def splat_cases(
     changes: Mapping[str, Change],
     reasons: Mapping[str, str],
-    variants: Iterable[str] = VARIANTS,
     about: Mapping[str, frozenset[Feature]] = MappingProxyType({}),
 ) -> tuple[StressCase, ...]:
     """Cases of extreme splats in front of an ordinary camera.
@@ -67,7 +66,6 @@ def splat_cases(
         changes: by name, with the section.
         reasons: why float32 cannot meet the ordinary tolerances, by name of the change or of one
             case of it.
-        variants: the ways in which each is drawn.
         about: features that a change is about, by its name.
     """
     return tuple(
@@ -79,7 +77,7 @@ def splat_cases(
             about.get(name, frozenset()),
         )
         for name, change in changes.items()
-        for variant in variants
+        for variant in VARIANTS
     )
 
 

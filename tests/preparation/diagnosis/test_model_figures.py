@@ -110,7 +110,7 @@ def test_the_widest_angle_of_each_track_counts() -> None:
     assert narrow == pytest.approx(1.15, abs=0.01)
     seen = Observations.of(model)
     centers = np.array(ROW)
-    angles = dict(zip(seen.point_ids.tolist(), widest_angles(seen, centers), strict=True))
+    angles = dict(zip(model.points3D, widest_angles(seen, centers), strict=True))
     assert [angles[number] for number in (1, 2, 3, 4)] == pytest.approx(
         [wide, wide, middle, narrow]
     )
