@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.core.config import AUTO
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     import torch
@@ -53,7 +54,7 @@ class BenchOptions(Options):
     """Size of the images, WIDTHxHEIGHT; empty: the workload's own."""
     threads: tuple[int, ...] = (1,)
     """Numbers of threads to measure with, separated by commas."""
-    repeats: int = 20
+    repeats: int = number(20, at_least=1)
     """Number of measurements of each, after a warm-up."""
     sparse: bool = False
     """Measure a step in which Adam updates visible rows only, too."""
@@ -139,8 +140,6 @@ def check(options: BenchOptions) -> None:
     """
     from gsfw.core.errors import ConfigError
 
-    if options.repeats < 1:
-        raise ConfigError(f"repeats={options.repeats}: expected a number of at least 1.")
     if options.copies < 1 or options.copies % 2 == 0:
         raise ConfigError(
             f"copies={options.copies}: expected an odd number, with the one that is seen in the "

@@ -12,6 +12,7 @@ from gsfw.commands.interface.arguments import parse, positional, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
+from gsfw.core.ranges import number
 from gsfw.core.words import duration, size
 
 if TYPE_CHECKING:
@@ -34,11 +35,11 @@ SHOWN = ("train_seconds", "peak_memory_mb", "psnr")
 class CoarseOptions:
     """The coarse model of the whole scene, from which blocks start."""
 
-    steps: int = 500
+    steps: int = number(500, at_least=0)
     """Its steps; 0: none, blocks start from their points."""
-    downscale: float = 2.0
+    downscale: float = number(2.0, at_least=1)
     """Divisor of its images, on top of that of the blocks."""
-    points: int = 500_000
+    points: int = number(500_000, at_least=1)
     """Points that it starts from at most; it does not grow."""
     rest: bool = True
     """Blocks are trained with what their views see of it elsewhere; false: without."""
@@ -62,7 +63,7 @@ class BlocksOptions(ExecutionOptions):
     """The folder that gsfw partition made."""
     source: str = ""
     """Place of the data set. Empty: where it was when the partition was made."""
-    jobs: int = 0
+    jobs: int = number(0, at_least=0)
     """Blocks at a time; 0: one, or with executor=ray as many as the cluster has resources for."""
     again: bool = False
     """Train all blocks anew."""
@@ -118,7 +119,7 @@ def _check(options: BlocksOptions, given: dict[str, str]) -> None:
     """Check the options, and that the settings leave to the partition what is its own.
 
     Raises:
-        ConfigError: a value is out of range, or a setting is decided by the partition.
+        ConfigError: a setting is decided by the partition.
     """
     for key in given:
         if key == "data" or key.partition(".")[0] in REFUSED:
@@ -126,12 +127,6 @@ def _check(options: BlocksOptions, given: dict[str, str]) -> None:
                 f"gsfw blocks: {key} is decided by the partition.",
                 "Leave it out; source=PATH says where the data set has moved to.",
             )
-    coarse = options.coarse
-    if options.jobs < 0 or coarse.steps < 0 or coarse.points < 1 or not coarse.downscale >= 1:
-        raise ConfigError(
-            "gsfw blocks: expected jobs and coarse.steps of at least 0, coarse.points and "
-            "coarse.downscale of at least 1."
-        )
     resources_of(options)
 
 
@@ -193,8 +188,8 @@ def _do(executor: Executor, jobs: Sequence[Job], control: Control, console: Cons
     from gsfw.jobs.executor import outcomes
 
     failed: list[str] = []
-    for number, (job, outcome) in enumerate(outcomes(executor, jobs, control), 1):
-        head = f"[{number}/{len(jobs)}] {job.name}"
+    for position, (job, outcome) in enumerate(outcomes(executor, jobs, control), 1):
+        head = f"[{position}/{len(jobs)}] {job.name}"
         if outcome.finished:
             psnr = outcome.document.get("psnr")
             quality = f", {psnr:.2f} dB" if isinstance(psnr, float) else ""

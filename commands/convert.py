@@ -11,6 +11,7 @@ from gsfw.commands.interface.arguments import Options, positional
 from gsfw.commands.interface.format_options import read_with_format
 from gsfw.core.files.size import bytes_of
 from gsfw.core.progress import stage
+from gsfw.core.ranges import number
 from gsfw.core.words import size
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class ConvertOptions(Options):
     format: str = ""
     """Format of OUT: one of the exporters that gsfw plugins lists. Empty: by the suffix of OUT.
     Some formats have options, format.KEY=VALUE: format=NAME --help lists them."""
-    time: float = 0.0
+    time: float = number(0.0, at_least=0, at_most=1)
     """Time of a moving model or file, in [0, 1]; splats at rest ignore it."""
     sh_degree: int | None = None
     """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that OUT holds."""
@@ -54,7 +55,6 @@ class ConvertOptions(Options):
 def run(arguments: list[str]) -> int:
     """Convert, and print counts, sizes and the loss."""
     options, given = read_with_format("convert", ConvertOptions, arguments)
-    _check_numbers(options)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
@@ -77,18 +77,6 @@ def run(arguments: list[str]) -> int:
         document = _Conversion(options, form, exporter, found, path, registry, console).write()
     console.result(document)
     return 0
-
-
-def _check_numbers(options: ConvertOptions) -> None:
-    """Check the options before anything is loaded.
-
-    Raises:
-        ConfigError: a number is out of range.
-    """
-    from gsfw.core.errors import ConfigError
-
-    if not 0 <= options.time <= 1:
-        raise ConfigError(f"time={options.time:g}: expected a time in [0, 1].")
 
 
 def _check_fit(options: ConvertOptions, form: str, exporter: Exporter, found: RunArgument) -> None:

@@ -11,6 +11,7 @@ from gsfw.commands.interface.export_times import ALL, parse_times
 from gsfw.commands.interface.format_options import read_with_format
 from gsfw.core.files.size import bytes_of
 from gsfw.core.progress import stage, tracked
+from gsfw.core.ranges import number
 from gsfw.core.words import size
 
 if TYPE_CHECKING:
@@ -47,9 +48,9 @@ class ExportOptions(RunOptions):
     sequence, the folder splats in the run."""
     step: int | None = None
     """Step of the checkpoint. none: the last."""
-    time: float = 0.0
+    time: float = number(0.0, at_least=0, at_most=1)
     """Time of a moving model, in [0, 1]; a static one ignores it."""
-    keep: float = 1.0
+    keep: float = number(1.0, above=0, at_most=1)
     """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
     What that costs: gsfw tradeoff RUN."""
     budget: str = ""
@@ -61,7 +62,7 @@ class ExportOptions(RunOptions):
     times: str = ""
     """Write a numbered sequence of files instead of one: their number, evenly from time 0 to 1; or
     all, for the times of the data."""
-    finetune: int = 0
+    finetune: int = number(0, at_least=0)
     """Steps of further training, which fit the model to the rounding of
     format.precision=compressed."""
 
@@ -111,19 +112,15 @@ def _check(options: ExportOptions) -> None:
     """Check the options before anything is loaded.
 
     Raises:
-        ConfigError: a number is out of range, or two options contradict each other.
+        ConfigError: two options contradict each other.
     """
     from gsfw.core.errors import ConfigError
 
-    if not 0 <= options.time <= 1:
-        raise ConfigError(f"time={options.time:g}: expected a time in [0, 1].")
     if options.times and options.time:
         raise ConfigError(
             f"time={options.time:g} and times={options.times} are both given.",
             "Give time for one file, or times for a sequence.",
         )
-    if not 0 < options.keep <= 1:
-        raise ConfigError(f"keep={options.keep:g}: expected a part above 0, and at most 1.")
 
 
 def _format(options: ExportOptions, registry: Registry) -> str:

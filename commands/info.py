@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import Options, positional, read_options
 from gsfw.core.config import AUTO
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -33,7 +34,7 @@ class InfoOptions(Options):
     """A data set, if it must not be taken for anything else."""
     format: str = AUTO
     """Format of the data set: auto, or the name of a datamanager that gsfw plugins lists."""
-    downscale: float = 1.0
+    downscale: float = number(1.0, at_least=1)
     """Factor by which a data set's images would be shrunk."""
 
 
@@ -99,20 +100,17 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
     """The document of a data set; reads cameras and points, and the headers of its images.
 
     Raises:
-        ConfigError: there is no such format, or ``downscale`` is below 1.
+        ConfigError: there is no such format.
         DataError: the data cannot be used; names the cause and the place.
     """
     from gsfw.core.config import DataManagerConfig
     from gsfw.core.datamanager import DataRequest
-    from gsfw.core.errors import ConfigError
     from gsfw.core.files.mirror import local_place
     from gsfw.datamanagers.description import describe_data, fitting_downscale
     from gsfw.plugins.automatic import Choice, choose_datamanager
     from gsfw.plugins.loading import load
 
     form, downscale = options.format, options.downscale
-    if downscale < 1:
-        raise ConfigError(f"downscale={downscale:g}: expected a factor of at least 1.")
     is_given = form != AUTO
     choice = Choice(form, "it was asked for") if is_given else choose_datamanager(data, registry)
     kind: type[DataManagerConfig] = load("datamanager", registry.find("datamanager", choice.name))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.progress import stage
+from gsfw.core.ranges import number
 from gsfw.core.words import size
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ class PartitionOptions(Options):
     """auto (as many as memory asks for), a number, or AxB along the two axes of the ground."""
     memory: str = "8GB"
     """Memory that the training of one block may take."""
-    margin: float = 0.15
+    margin: float = number(0.15, at_least=0, at_most=2)
     """Distance around a block's cell that it is trained on too, in parts of the shorter side."""
-    share: float = 0.15
+    share: float = number(0.15, above=0, at_most=1)
     """Part of what a view sees that a block has to hold for the view to be trained on there."""
 
 
@@ -85,7 +85,7 @@ def _wishes(options: PartitionOptions) -> Wishes:
     """The wishes of the user.
 
     Raises:
-        ConfigError: a value is out of range.
+        ConfigError: no folder is given, or a size is none.
         OutputError: the folder exists.
     """
     from gsfw.partition.costs import megabytes
@@ -98,10 +98,6 @@ def _wishes(options: PartitionOptions) -> Wishes:
         raise OutputError(
             f"out={options.out}: it exists and is not empty.", "Choose a new folder with out=DIR."
         )
-    if not 0 <= options.margin <= 2:
-        raise ConfigError(f"margin={options.margin:g}: expected a number from 0 to 2.")
-    if not 0 < options.share <= 1 or math.isnan(options.share):
-        raise ConfigError(f"share={options.share:g}: expected a number above 0, up to 1.")
     return Wishes(options.blocks, megabytes(options.memory), options.margin, options.share)
 
 

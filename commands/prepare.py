@@ -19,6 +19,7 @@ from gsfw.commands.interface.following_training import FollowingTraining, read_b
 from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.commands.interface.prepared_data import data_settings, examine, write_dense
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -96,7 +97,7 @@ class PrepareOptions(CpuExecutionOptions):
     """Layout of a converted data set: colmap, transforms, or auto (transforms with times)."""
     dense: bool = False
     """Also write dense.ply: points of all surfaces, found as init=dense does, for other tools."""
-    jobs: int = 0
+    jobs: int = number(0, at_least=0)
     """Cores to use, and with executor=ray jobs at a time; 0: all. With 1 the same images give the
     same bits, with more nearly so."""
     again: bool = False
@@ -223,8 +224,6 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.writing.image_output import OutputRule
 
-    if options.jobs < 0:
-        raise ConfigError(f"jobs={options.jobs}: expected 0 (all cores) or more.")
     cores = os.cpu_count() or 1
     rule = PreparationRule(
         frames=options.frames,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import DetailOptions, RunOptions, positional, read_options
+from gsfw.core.ranges import number
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
@@ -62,25 +63,25 @@ class RenderOptions(RunOptions, DetailOptions):
     """Number of frames of each film. None: 60, or as the file of a camera path says."""
     fps: int | None = None
     """Frames per second of the films. None: 20, or as the file of a camera path says."""
-    scale: float = 1.0
+    scale: float = number(1.0, above=0)
     """Size of the frames of films, relative to the images the run was trained on."""
-    width: int = 0
+    width: int = number(0, at_least=0)
     """Width of the frames of films in pixels, of one eye of stereo, in place of scale. 0: by
     scale."""
-    time: float = 0.0
+    time: float = number(0.0, at_least=0, at_most=1)
     """Time of films at one time, in [0, 1], of a model that changes with time."""
     camera: str = ""
     """Name of the view whose camera what=time looks through (empty: the first held-out one), or a
     file of a camera path: of gsfw's viewer, nerfstudio's camera_path.json, or a transforms.json."""
     projection: Literal["camera", "stereo", "panorama"] = "camera"
     """One image; those of two eyes, side by side; or all directions, for 360-degree players."""
-    eye_distance: float = 0.0
+    eye_distance: float = number(0.0, at_least=0)
     """Distance of the eyes of stereo, in scene units. 0: 1/30 of that of what is looked at."""
     tracks: bool = False
     """Draw the paths of some Gaussians over the last frames, where time passes."""
-    tracks_count: int = 150
+    tracks_count: int = number(150, at_least=1)
     """Number of paths, of well-spread Gaussians."""
-    tracks_frames: int = 12
+    tracks_frames: int = number(12, at_least=1)
     """Number of frames that each path reaches back."""
     images: Literal["png", "png16", "jpg", "exr"] = "png"
     """Files of the frames: png, png16 (16 bits per colour), jpg, or exr (the values of all

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, positionals, read_options
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
 
 COMPARISON = "comparison.html"
 """The page of several runs without out=FILE, in the current folder."""
-
-MOST_FRAMES, MOST_IMAGES = 72, 18
-"""Bounds of the options: a page has a bounded size."""
 
 
 @dataclass(kw_only=True)
@@ -35,10 +33,10 @@ class ReportOptions(Options):
     """Run folders, checkpoints, or latest. Several are compared."""
     out: str = ""
     """The page. Empty: report.html in the run; comparison.html here for several runs."""
-    views: int = 9
+    views: int = number(9, at_least=1, at_most=18)
     """Most views with images: the worst, the median and the best. Compared: at most 6, those that
     differ most."""
-    frames: int = 36
+    frames: int = number(36, at_least=0, at_most=72)
     """Frames of the film around the scene; 0: none."""
     error: Literal["auto", "flip", "absolute"] = "auto"
     """Error images: flip (pip install 'gsfw[flip]'), absolute, or auto: flip if it is installed."""
@@ -54,7 +52,6 @@ class ReportOptions(Options):
 def run(arguments: list[str]) -> int:
     """Write the page, and print its place."""
     options = read_options("report", ReportOptions, arguments)
-    _check(options)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
@@ -89,17 +86,6 @@ def run(arguments: list[str]) -> int:
     console.say(f"open it in a browser: {path.resolve().as_uri()}")
     console.result({"runs": [item.name for item in found], "report": str(path), "bytes": count})
     return 0
-
-
-def _check(options: ReportOptions) -> None:
-    """Refuse invalid numbers before anything is loaded."""
-    from gsfw.core.errors import ConfigError
-
-    if not (1 <= options.views <= MOST_IMAGES and 0 <= options.frames <= MOST_FRAMES):
-        raise ConfigError(
-            f"views={options.views} frames={options.frames}: expected 1 to {MOST_IMAGES} views and "
-            f"0 to {MOST_FRAMES} frames."
-        )
 
 
 def _compare(

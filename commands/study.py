@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import positional, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
+from gsfw.core.ranges import number
 from gsfw.core.words import duration, rough_duration
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class StudyOptions(ExecutionOptions):
     """Folder of the study. Empty: runs/studies/NAME."""
     only: tuple[str, ...] = ()
     """Names or patterns of rows and scenes to run, such as 4d*,robot; all others wait."""
-    jobs: int = 0
+    jobs: int = number(0, at_least=0)
     """Runs at a time; 0: one, or with executor=ray as many as the cluster has resources for."""
     dry: bool = False
     """Print the runs to make and their estimated time; run nothing."""
@@ -96,8 +97,6 @@ def run(arguments: list[str]) -> int:
 def _check(options: StudyOptions) -> None:
     from gsfw.core.errors import ConfigError
 
-    if options.jobs < 0:
-        raise ConfigError(f"jobs={options.jobs}: expected 0 or more.")
     resources_of(options)
     minutes = options.budget.minutes
     if minutes is not None and minutes <= 0:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from gsfw.commands.interface.arguments import DetailOptions, positionals, read_options
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     import socket
@@ -35,7 +36,7 @@ class ViewOptions(DetailOptions):
     """Place of the data set. Empty: its place in training."""
     device: str = ""
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
-    port: int = 0
+    port: int = number(0, at_least=0, at_most=65535)
     """Port of the page; 0: the first free one from 8080."""
     browser: bool = False
     """Open the page in this machine's browser."""
@@ -115,8 +116,6 @@ def _check(verb: str, options: ViewOptions) -> None:
             f"gsfw {verb}: {len(options.runs)} models are given, and a page shows one or two.",
             "Give two to compare.",
         )
-    if not 0 <= options.port <= 65535:
-        raise ConfigError(f"port={options.port}: expected a number from 0 to 65535.")
 
 
 def _find(text: str, data: str, console: Console) -> RunArgument:

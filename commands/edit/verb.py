@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, parse, positional
 from gsfw.commands.interface.format_options import read_with_format
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.editing.script import Step
@@ -136,7 +137,7 @@ class EditOptions(Options):
     views: str = ""
     """A run whose cameras saw the splats of FILE, in the same world. Empty: the cameras of the run
     itself; for a file of splats, 24 invented ones around it."""
-    time: float = 0.0
+    time: float = number(0.0, at_least=0, at_most=1)
     """Time of a moving model or file, in [0, 1], if out holds splats at one time."""
     over_time: Literal["any", "all"] = "any"
     """For moving models: a region holds a Gaussian that is inside it at any time at which it can be
@@ -203,7 +204,7 @@ def _check(options: EditOptions, steps: list[Step]) -> None:
     """Check the options before anything is opened.
 
     Raises:
-        ConfigError: there is nothing to do, or a number is out of range.
+        ConfigError: there is nothing to do.
     """
     from gsfw.core.errors import ConfigError
 
@@ -213,5 +214,3 @@ def _check(options: EditOptions, steps: list[Step]) -> None:
             "Give steps, such as crop.sphere=0,0,0,1, or out=FILE to convert; all steps: "
             "gsfw edit --help",
         )
-    if not 0 <= options.time <= 1:
-        raise ConfigError(f"time={options.time:g}: expected a time in [0, 1].")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from gsfw.core.config import replace_at
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import check_ranges, number
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.detail import Detail
@@ -132,7 +134,7 @@ class Options:
     """Options of a verb; the docstring's first line is the summary of the verb.
 
     A verb derives from it (``@dataclass(kw_only=True)``). A field is an option KEY=VALUE, whose
-    docstring is its help; ``positional`` makes it a bare word.
+    docstring is its help; ``positional`` makes it a bare word, ``number`` bounds it.
     """
 
     examples: ClassVar[tuple[str, ...]] = ()
@@ -152,7 +154,8 @@ def read_options(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> V
 
     Raises:
         HelpRequested: ``--help`` was given.
-        ConfigError: a key is unknown, a value has the wrong type, a word is missing or too many.
+        ConfigError: a key is unknown, a value has the wrong type or is out of its range, a word is
+            missing or too many.
     """
     from gsfw.commands.interface.help import options_help
 
@@ -169,7 +172,9 @@ def read_options(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> V
             )
         if item.default is MISSING:
             given[item.name] = ""
-    return _with_values(verb, kind(**given), arguments.values)
+    options = _with_values(verb, kind(**given), arguments.values)
+    check_ranges(options)
+    return options
 
 
 def _placed(verb: str, kind: type[Options], found: Sequence[Any]) -> dict[str, Any]:
@@ -242,7 +247,7 @@ class DetailOptions(Options):
     budget: str = ""
     """Most Gaussians in a view, such as 200000, or megabytes of them, such as 200MB: those of a
     tree of levels of detail. Empty: all; of a tree in a file (.lod) what half of memory holds."""
-    detail: float = 0.0
+    detail: float = number(0.0, at_least=0, below=math.inf)
     """Size in pixels below which Gaussians are drawn as one. 0: none are, as far as the budget
     goes."""
     memory: str = ""

@@ -58,8 +58,6 @@ class Detail:
                 f"budget={budget}: expected a number of Gaussians such as 200000, or megabytes "
                 "such as 200MB."
             )
-        if not 0 <= pixels < float("inf"):
-            raise ConfigError(f"detail={pixels:g}: expected a size in pixels, 0 or more.")
         found = re.fullmatch(r"(\d+(?:\.\d+)?)(MB|GB)", memory)
         if memory and (found is None or not float(found[1])):
             raise ConfigError(f"memory={memory}: expected an amount such as 512MB or 2GB.")

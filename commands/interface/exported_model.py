@@ -22,8 +22,6 @@ def check_finetune(steps: int, found: RunArgument, exporter: Exporter) -> None:
     Raises:
         ConfigError: files of the format are not rounded in steps, or there is no run.
     """
-    if steps < 0:
-        raise ConfigError(f"finetune={steps}: expected a number of steps, or 0.")
     if steps and not (isinstance(exporter, ModelFileExporter) and exporter.is_compressed):
         raise ConfigError(
             f"finetune={steps}: only compressed model files are rounded so coarsely that it pays.",

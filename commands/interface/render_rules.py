@@ -233,29 +233,20 @@ def _check_rules(options: RenderOptions, rules: tuple[Rule, ...]) -> None:
 def _check_numbers(options: RenderOptions) -> None:
     frames = 1 if options.frames is None else options.frames
     fps = 1 if options.fps is None else options.fps
-    sound = frames >= 1 and 1 <= fps <= MOST_FPS
-    if not (sound and options.scale > 0 and 0 <= options.time <= 1):
+    if frames < 1 or not 1 <= fps <= MOST_FPS:
         raise ConfigError(
-            f"frames={frames} scale={options.scale:g} time={options.time:g} "
-            f"fps={fps}: expected at least 1 frame, a scale above 0, a time in [0, 1], "
-            f"and 1 to {MOST_FPS} frames per second."
+            f"frames={frames} fps={fps}: expected at least 1 frame, and 1 to {MOST_FPS} frames per "
+            "second."
         )
-    if options.width < 0 or (options.width and options.scale != 1):
+    if options.width and options.scale != 1:
         raise ConfigError(
-            f"width={options.width} scale={options.scale:g}: expected one of them, above 0.",
+            f"width={options.width} scale={options.scale:g}: both give the size of the frames.",
             "Leave one of them out.",
         )
     if options.range and (len(options.range) != 2 or not options.range[0] < options.range[1]):
         raise ConfigError(
             f"{_written(options, 'range')}: expected two numbers, the smaller one first.",
             "Write range=LOW,HIGH, such as range=0,5.",
-        )
-    if options.eye_distance < 0:
-        raise ConfigError(f"eye_distance={options.eye_distance:g}: expected 0 or more.")
-    if options.tracks_count < 1 or options.tracks_frames < 1:
-        raise ConfigError(
-            f"tracks_count={options.tracks_count} tracks_frames={options.tracks_frames}: "
-            "expected numbers of at least 1."
         )
     if options.background:
         parse_background(options.background)

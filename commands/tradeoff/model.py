@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import RunOptions, read_options
-from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
+from gsfw.commands.tradeoff.verb import Budget, Target, check_budget, wish_of
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -41,9 +42,9 @@ class ModelOptions(RunOptions):
 
     axes: tuple[AxisName, ...] = ()
     """Axes to vary, each by itself; empty: all. combined varies several at a time."""
-    views: int = 16
+    views: int = number(16, at_least=1)
     """Most held-out views for the accuracy, spread evenly."""
-    repeats: int = 5
+    repeats: int = number(5, at_least=1)
     """Rounds in which every variant is rendered for its time."""
     target: Target = field(default_factory=Target)
     """Bounds that the recommended variant must reach."""
@@ -60,7 +61,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
-    check_numbers({"views": (options.views, 1), "repeats": (options.repeats, 1)}, options.budget)
+    check_budget(options.budget)
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, restore_run

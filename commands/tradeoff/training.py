@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import Arguments, layers, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
-from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
+from gsfw.commands.tradeoff.verb import Budget, Target, check_budget, wish_of
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -59,10 +60,10 @@ class TrainingOptions(ExecutionOptions):
     """Bounds that the recommended variant must reach."""
     budget: TrainingBudget = field(default_factory=TrainingBudget)
     """Bounds that must not be exceeded."""
-    jobs: int = 0
+    jobs: int = number(0, at_least=0)
     """Runs at a time, which share the cores; 0: two, where there are two cores and no GPU; with
     executor=ray as many as the cluster has resources for."""
-    repeats: int = 5
+    repeats: int = number(5, at_least=1)
     """Rounds in which every variant is rendered for its time."""
     out: str = ""
     """Folder of the runs and of tradeoff.json, .csv and .png. Empty: runs/tradeoffs/DATA."""
@@ -148,8 +149,7 @@ def _check(options: TrainingOptions) -> None:
                 f"axes={name}: there is no such axis.{did_you_mean(name, NAMES)}",
                 f"Without a RUN there are {', '.join(NAMES)}.",
             )
-    numbers = {"jobs": (options.jobs, 0), "repeats": (options.repeats, 1)}
-    check_numbers(numbers, options.budget)
+    check_budget(options.budget)
     resources_of(options)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -67,21 +66,14 @@ def wish_of(target: Target, budget: Budget) -> Wish:
     return Wish(target.psnr, budget.mb, budget.ms)
 
 
-def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> None:
-    """Refuse impossible numbers before anything is loaded.
-
-    Args:
-        numbers: value and least value of options, by key.
-        budget: all its fields have to be positive.
+def check_budget(budget: Budget) -> None:
+    """Refuse bounds that are not positive, before anything is loaded.
 
     Raises:
         ConfigError: names the key, the value, and the expected range.
     """
     from gsfw.core.errors import ConfigError
 
-    for name, (value, least) in numbers.items():
-        if value < least:
-            raise ConfigError(f"{name}={value}: expected {least} or more.")
     for name, limit in vars(budget).items():
         if limit is not None and not limit > 0:
             raise ConfigError(f"budget.{name}={limit:g}: expected a number above 0.")

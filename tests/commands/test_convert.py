@@ -260,7 +260,7 @@ def test_wrong_input_is_refused_with_cause_and_remedy(source, tmp_path, capsys):
         "out.npz: format tracks cannot hold this model: there are no tracks to write.\n"
     )
     assert refusal(capsys, source, "notes.txt/out.ply").startswith("notes.txt/out.ply cannot be")
-    assert "expected a time in [0, 1]" in refusal(capsys, source, "o.ply", "time=2")
+    assert "time=2: expected a number from 0 to 1." in refusal(capsys, source, "o.ply", "time=2")
     assert "expected a degree from 0 to 4" in refusal(capsys, source, "o.ply", "sh_degree=-1")
     assert refusal(capsys, source, "o.ksplat", "sh_degree=3").startswith(
         "sh_degree=3: format ksplat holds degree 2 at most.\n"

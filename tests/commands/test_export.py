@@ -144,7 +144,7 @@ def test_a_suffix_that_nothing_writes_is_refused_unless_the_format_is_given(run,
 
 def test_a_time_out_of_range_is_refused(run, capsys):
     assert main(["export", str(run), "time=2"]) == 2
-    assert "time=2: expected a time in [0, 1]." in capsys.readouterr().err
+    assert "time=2: expected a number from 0 to 1." in capsys.readouterr().err
 
 
 def test_a_place_that_cannot_be_written_to_is_one_message(run, tmp_path, capsys):

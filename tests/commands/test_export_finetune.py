@@ -29,7 +29,7 @@ def test_model_files_and_negative_numbers_are_refused(finished_run, tmp_path, ca
     assert main(["export", str(model), *COMPRESSED, "finetune=3"]) == 2
     assert "Give the folder of the run that it was exported from." in capsys.readouterr().err
     assert main(["export", str(finished_run), *COMPRESSED, "finetune=-1"]) == 2
-    assert "finetune=-1: expected a number of steps, or 0." in capsys.readouterr().err
+    assert "finetune=-1: expected a number of at least 0." in capsys.readouterr().err
 
 
 def test_nothing_is_written_when_it_is_interrupted(finished_run, tmp_path, monkeypatch):

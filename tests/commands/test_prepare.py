@@ -353,7 +353,7 @@ def test_mistakes_are_told_in_a_sentence(tmp_path, capsys):
     assert "frames=2: expected at least 3." in told(capsys, photos, out, "frames=2")
     assert "features=5: expected 50 to 32768." in told(capsys, photos, out, "features=5")
     assert "gsfw prepare: an INPUT is empty." in told(capsys, "", out)
-    assert "jobs=-1: expected 0 (all cores) or more." in told(capsys, photos, out, "jobs=-1")
+    assert "jobs=-1: expected a number of at least 0." in told(capsys, photos, out, "jobs=-1")
     assert "camera_model=" in told(capsys, photos, out, "camera_model=PINWHEEL")
     assert "poses=keep: 2 inputs are given." in told(capsys, photos, tmp_path, out, "poses=keep")
     assert "unknown key 'frame'" in told(capsys, photos, out, "frame=3")

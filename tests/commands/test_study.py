@@ -150,7 +150,7 @@ def test_scenes_without_their_data_are_left_out_and_said(file, out, tmp_path, ca
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["jobs=-1"], "error: jobs=-1: expected 0 or more.\n"),
+        (["jobs=-1"], "error: jobs=-1: expected a number of at least 0.\n"),
         (["budget.minutes=0"], "error: budget.minutes=0: expected more than 0.\n"),
         (["budget.minute=3"], "unknown key 'budget.minute'. Did you mean 'budget.minutes'?\n"),
         (["table=true", "dry=true"], "error: table=true runs nothing, so dry and again mean"),

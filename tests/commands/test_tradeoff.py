@@ -225,8 +225,8 @@ def test_a_moving_model_of_decoded_features_has_no_bands_to_give_up(tmp_path, ca
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("views=0", "views=0: expected 1 or more."),
-        ("repeats=0", "repeats=0: expected 1 or more."),
+        ("views=0", "views=0: expected a number of at least 1."),
+        ("repeats=0", "repeats=0: expected a number of at least 1."),
         ("budget.mb=0", "budget.mb=0: expected a number above 0."),
         ("budget.ms=-1", "budget.ms=-1: expected a number above 0."),
     ],
@@ -245,8 +245,8 @@ def test_an_unknown_axis_names_those_there_are(run, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["keep=0"], "keep=0: expected a part above 0, and at most 1."),
-        (["keep=1.5"], "keep=1.5: expected a part above 0, and at most 1."),
+        (["keep=0"], "keep=0: expected a number above 0 and at most 1."),
+        (["keep=1.5"], "keep=1.5: expected a number above 0 and at most 1."),
         (["sh_degree=-1"], "sh_degree=-1: expected a degree from 0 to 4."),
         (
             ["keep=0.5", "format=gsfw"],

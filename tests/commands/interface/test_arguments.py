@@ -14,6 +14,7 @@ from gsfw.commands.interface.arguments import (
     read_options,
 )
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 
 
 @dataclass(kw_only=True)
@@ -28,7 +29,7 @@ class DrawOptions(Options):
     """Where to."""
     split: Literal["eval", "train"] = "eval"
     """Which pictures."""
-    frames: int = 60
+    frames: int = number(60, at_least=1)
     """How many."""
 
 
@@ -107,6 +108,7 @@ def test_each_mistake_in_options_has_its_message():
     assert refusal("a", "split=test") == (
         "split=test: expected one of eval, train, found 'test'.\nsplit: Which pictures."
     )
+    assert refusal("a", "frames=0") == "frames=0: expected a number of at least 1."
 
 
 def test_help_shows_usage_words_keys_and_examples():
