@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, positionals, read_options
+from gsfw.commands.interface.arguments import Options, changed_place, positionals, read_options
 from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
@@ -106,17 +106,16 @@ def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opene
     from gsfw.commands.interface.runs import restore_run
     from gsfw.core.errors import UserError
     from gsfw.plugins.registry import installed
-    from gsfw.plugins.settings import COMMAND_LINE, Layer
     from gsfw.reports.drawing import Model
     from gsfw.reports.run_report import Opened, not_opened
 
     if options.images == "stored":
         return Opened(None)
-    given = {key: text for key in ("data", "device") if (text := getattr(options, key))}
+    changed = changed_place(options.data, options.device)
     try:
-        restored = restore_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+        restored = restore_run(found, installed(), changed)
     except UserError as error:
-        if given:  # What the user has just said is wrong.
+        if changed is not None:  # What the user has just said is wrong.
             raise
         failed = not_opened(error)
         console.warn(f"{found.name} is not drawn anew: {failed.why_not}")

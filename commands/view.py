@@ -6,7 +6,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.interface.arguments import DetailOptions, positionals, read_options
+from gsfw.commands.interface.arguments import (
+    DetailOptions,
+    changed_place,
+    positionals,
+    read_options,
+)
 from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
@@ -131,11 +136,9 @@ def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedM
     """Open a run, a model file or a splat file."""
     from gsfw.commands.interface.runs import restore_run, warn_of_file
     from gsfw.plugins.registry import installed
-    from gsfw.plugins.settings import COMMAND_LINE, Layer
     from gsfw.viewer.opening import of_restored
 
-    given = {key: value for key in ("data", "device") if (value := getattr(options, key))}
-    changed = Layer(COMMAND_LINE, given) if given else None
+    changed = changed_place(options.data, options.device)
     restored = restore_run(found, installed(), changed, detail=options.drawn())
     composition = restored.composition
     warn_of_file(found, composition, console)

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from gsfw.commands.edit.output import Output
 from gsfw.commands.edit.verb import EditOptions
+from gsfw.commands.interface.arguments import changed_place
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.runs import RunArgument, find_run, restore_run
 from gsfw.core.capabilities import check_fit
@@ -39,6 +40,7 @@ from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
+from gsfw.plugins.settings import Layer
 from gsfw.plugins.shorter_bands import without_bands
 from gsfw.plugins.splat_instant import read_at
 from gsfw.plugins.splat_run import run_of_splats
@@ -98,8 +100,12 @@ class Session:
     @cached_property
     def _restored(self) -> Restored:
         """The run; for a file of splats one around it."""
-        changed, step = self.options.changed(), self.options.step
-        return restore_run(self.found, self.registry, changed, step)
+        return restore_run(self.found, self.registry, self._changed, self.options.step)
+
+    @property
+    def _changed(self) -> Layer | None:
+        """Settings that differ from those of the run; ``None`` for none."""
+        return changed_place(self.options.data, self.options.device)
 
     @cached_property
     def _capture(self) -> Capture:
@@ -111,7 +117,7 @@ class Session:
         restored, found = self._restored if not self.options.views else None, self.found
         if restored is None:
             found = find_run(self.options.views, self.console.say, lead="views=RUN:")
-            restored = restore_run(found, self.registry, self.options.changed())
+            restored = restore_run(found, self.registry, self._changed)
         composition = restored.composition
         parts, settings = composition.parts, composition.plan.settings
         name = composition.settings.choices["rasterizer"].name
@@ -204,8 +210,8 @@ class Session:
         beyond = int((~content.splats.held_by_float32()).sum())
         if beyond:
             raise ValueError(f"{_splats_have(beyond)} values beyond float32")
-        changed = self.options.changed()
-        return RunSource(run_of_splats(content, self._output.path, self.registry, changed))
+        path = self._output.path
+        return RunSource(run_of_splats(content, path, self.registry, self._changed))
 
     def _model(self, piece: Editable) -> _EditedModel:
         source = RunSource(self._restored)

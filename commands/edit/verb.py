@@ -12,7 +12,6 @@ from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.editing.script import Step
-    from gsfw.plugins.settings import Layer
 
 
 @dataclass(kw_only=True)
@@ -150,13 +149,6 @@ class EditOptions(Options):
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
     dry_run: bool = False
     """Print the counts, and write nothing."""
-
-    def changed(self) -> Layer | None:
-        """Settings that differ from the run's own; ``None`` for none."""
-        from gsfw.plugins.settings import COMMAND_LINE, Layer
-
-        given = {key: text for key in ("data", "device") if (text := getattr(self, key))}
-        return Layer(COMMAND_LINE, given) if given else None
 
 
 def run(arguments: list[str]) -> int:

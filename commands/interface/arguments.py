@@ -116,6 +116,14 @@ def full_key(key: str) -> str:
     return f"callbacks.viewer.{rest or 'enabled'}" if head == "viewer" else key
 
 
+def changed_place(data: str, device: str) -> Layer | None:
+    """A run's data set and device, where they differ from its own; ``None`` for none."""
+    from gsfw.plugins.settings import COMMAND_LINE, Layer
+
+    given = {key: text for key, text in (("data", data), ("device", device)) if text}
+    return Layer(COMMAND_LINE, given) if given else None
+
+
 def positional(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a dataclass field
     """An option as a bare word; required, unless it has a default."""
     metadata = {"word": name}
@@ -234,10 +242,7 @@ class RunOptions(Options):
 
     def changed(self) -> Layer | None:
         """Settings that differ from the run's own; ``None`` for none."""
-        from gsfw.plugins.settings import COMMAND_LINE, Layer
-
-        given = {key: text for key in ("data", "device") if (text := getattr(self, key))}
-        return Layer(COMMAND_LINE, given) if given else None
+        return changed_place(self.data, self.device)
 
 
 @dataclass(kw_only=True)

@@ -76,12 +76,11 @@ def open_run(
         DataError: there is no such run or checkpoint, its data is gone, or a file is damaged.
         ConfigError: its settings no longer resolve: a plugin is missing, for instance.
     """
-    from gsfw.commands.interface.arguments import RunOptions
+    from gsfw.commands.interface.arguments import changed_place
     from gsfw.plugins.registry import installed
 
     found = runs.find_run(str(run), lambda _: None)
-    changed = RunOptions(run=str(run), data=data, device=device).changed()
-    restored = runs.restore_run(found, installed(), changed, step)
+    restored = runs.restore_run(found, installed(), changed_place(data, device), step)
     parts = restored.composition.parts
     return OpenedRun(
         name=found.name,
