@@ -106,7 +106,9 @@ def _settings(options: PartitionOptions, given: dict[str, str]) -> Settings:
     from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 
     values = {"method": "3dgs", **given, "data": options.what}
-    return resolve(installed(), [Layer(COMMAND_LINE, values)])
+    settings = resolve(installed(), [Layer(COMMAND_LINE, values)])
+    settings.config.check()
+    return settings
 
 
 def _open(settings: Settings) -> Capture:

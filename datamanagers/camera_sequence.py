@@ -17,6 +17,8 @@ from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.video import Box, Shot, Video, is_video
 
+USUAL_RATE = 30.0
+"""Images per second of the recordings that papers use, where no video states it."""
 SAME_RATE = 1e-3
 """Rates of synchronised videos may differ by this part of them: files hold rounded ones."""
 
@@ -109,15 +111,12 @@ def find_sequences(folder: Path, prefix: str = "") -> dict[str, Path]:
     return found
 
 
-def common_rate(
-    sequences: Sequence[CameraSequence], asked: float, usual: float
-) -> tuple[float, str]:
-    """Images per second of synchronised sequences, and who says so.
+def common_rate(sequences: Sequence[CameraSequence], asked: float) -> tuple[float, str]:
+    """Images per second of synchronised sequences, and the origin of that number.
 
     Args:
-        sequences: of all cameras.
-        asked: what the user says; 0 for nothing.
-        usual: of the format, where there are no videos to say it.
+        sequences: of all cameras; those of images have no rate of their own.
+        asked: ``datamanager.fps``; 0 for the rate of the videos, or else ``USUAL_RATE``.
 
     Raises:
         DataError: the videos' rates differ.
@@ -126,7 +125,7 @@ def common_rate(
         return asked, "datamanager.fps"
     rated = [(item.video.rate, item) for item in sequences if item.video and item.video.rate > 0]
     if not rated:
-        return usual, "the usual one; datamanager.fps=N gives another"
+        return USUAL_RATE, "the usual one; datamanager.fps=N gives another"
     rate, first = rated[0]
     for other, item in rated:
         if abs(other - rate) > SAME_RATE * rate:

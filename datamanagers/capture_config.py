@@ -11,6 +11,7 @@ from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO, DataManagerConfig
 from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.frames import Recording, data_path
 from gsfw.datamanagers.masks import MaskRule
@@ -36,7 +37,7 @@ class CaptureConfig(DataManagerConfig, ABC):
     """Images of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
     field_of_view: float = 120.0
     """Most degrees, across and down, that an image undistorted to a pinhole shows."""
-    blank_pixels: float = 0.0
+    blank_pixels: float = number(0.0, at_least=0, at_most=1)
     """0: undistorted images are cut to what the lens saw; 1: all it saw, the rest masked."""
     masks: str = AUTO
     """Masks, bright where pixels count: auto (as the data set names them, or PNG in masks/), none,
@@ -105,10 +106,6 @@ class CaptureConfig(DataManagerConfig, ABC):
                 f"datamanager.field_of_view={self.field_of_view:g}: expected degrees up to "
                 f"{WIDEST:g}.",
                 "datamanager.fisheye=keep shows more of a fisheye lens.",
-            )
-        if not 0 <= self.blank_pixels <= 1:
-            raise ConfigError(
-                f"datamanager.blank_pixels={self.blank_pixels:g}: expected a number from 0 to 1."
             )
         return LensRule(self.fisheye == "keep", self.blank_pixels, self.field_of_view)
 

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import DataError
+from gsfw.core.ranges import number
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame
 
@@ -23,13 +24,13 @@ class MultiCameraConfig(CaptureConfig, ABC):
 
     eval_cameras: tuple[str, ...] = ()
     """Cameras to hold out, by name. Empty: as papers do. none: single images (holdout_every)."""
-    first: int = 0
+    first: int = number(0, at_least=0)
     """Number of the first time that is used, counted from 0."""
-    frames: int = 0
+    frames: int = number(0, at_least=0)
     """Number of used times; 0: all."""
-    stride: int = 1
+    stride: int = number(1, at_least=1)
     """Every n-th time is used."""
-    fps: float = 0.0
+    fps: float = number(0.0, at_least=0, below=math.inf)
     """Times per second. 0: as the videos say, or what is usual for the format."""
 
     @property
@@ -41,16 +42,8 @@ class MultiCameraConfig(CaptureConfig, ABC):
         """The numbers of the times that are used, of ``count`` that there are.
 
         Raises:
-            ConfigError: a setting is out of range.
             DataError: none is left.
         """
-        for key, lowest in (("first", 0), ("frames", 0), ("stride", 1)):
-            if getattr(self, key) < lowest:
-                raise ConfigError(
-                    f"datamanager.{key}={getattr(self, key)}: expected at least {lowest}."
-                )
-        if not 0 <= self.fps < math.inf:
-            raise ConfigError(f"datamanager.fps={self.fps:g}: expected 0 or a positive number.")
         chosen = range(self.first, count, self.stride)
         chosen = chosen[: self.frames] if self.frames else chosen
         if not chosen:

@@ -32,8 +32,6 @@ POINT_FILES = (
     "points3D_downsample.ply",
 )
 """Files of points, as written by tools that prepare these recordings."""
-USUAL_RATE = 30.0
-"""Images per second of the recordings of Li et al."""
 
 
 @dataclass
@@ -71,7 +69,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
             for number, (row, (name, path)) in enumerate(zip(table, found.items(), strict=True))
         ]
         sequences = [camera.sequence for camera in cameras]
-        rate, source = common_rate(sequences, self.fps, USUAL_RATE)
+        rate, source = common_rate(sequences, self.fps)
         count, length_note = common_length(sequences)
         chosen = self.chosen_times(count, str(folder))
         frames, lens_notes = frames_of(cameras, chosen, rate)

@@ -21,6 +21,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.array_file import read_numbers
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import is_file
+from gsfw.datamanagers.camera_sequence import common_rate
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.lens import Lens
@@ -32,8 +33,6 @@ from gsfw.datamanagers.poses import pose_from_opencv
 FILES = {Split.TRAIN: "train_meta.json", Split.EVAL: "test_meta.json"}
 POINTS = "init_pt_cld.npz"
 LISTS = ("k", "w2c", "fn", "cam_id")
-USUAL_RATE = 30.0
-"""Images per second of the sequences of CMU Panoptic that Luiten et al. use."""
 
 
 @dataclass
@@ -66,8 +65,7 @@ class PanopticConfig(MultiCameraConfig):
                 f"{folder} holds no {FILES[Split.TRAIN]}.", "Give the folder that does."
             )
         count = min(len(file) for file in files.values())
-        rate = self.fps or USUAL_RATE
-        source = "datamanager.fps" if self.fps else "the usual one; datamanager.fps=N gives another"
+        rate, source = common_rate((), self.fps)
         chosen = self.chosen_times(count, str(folder))
         # The same number in both files is the same camera.
         names = sorted({name for file in files.values() for name in file.cameras(chosen)}, key=int)

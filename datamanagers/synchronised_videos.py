@@ -24,8 +24,6 @@ from gsfw.datamanagers.video import is_video
 PATTERNS = ("cameras*.json", "*calib*.json", "*calib*.toml", "*.qca.txt")
 """Names of calibration files, in any case; where there are several, the first of them is read."""
 LOOKED_FOR = f"{', '.join(PATTERNS[:-1])} or {PATTERNS[-1]} with videos there or in a folder there"
-USUAL_RATE = 30.0
-"""Images per second of folders of images, which do not say."""
 ENOUGH_TO_HOLD_OUT = 3
 """Fewest cameras of which one is held out: one alone does not show a shape."""
 
@@ -57,7 +55,7 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         cameras, left_out = self._cameras(read_calibration(file), path, file)
         sequences = [camera.sequence for camera in cameras]
         names = [item.camera for item in sequences]
-        rate, source = common_rate(sequences, self.fps, USUAL_RATE)
+        rate, source = common_rate(sequences, self.fps)
         count, length_note = common_length(sequences)
         chosen = self.chosen_times(count, str(path))
         frames, lens_notes = frames_of(cameras, chosen, rate)

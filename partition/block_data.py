@@ -20,7 +20,7 @@ from gsfw.core.config import DataManagerConfig, Detection
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.reading import is_there
-from gsfw.core.ranges import number
+from gsfw.core.ranges import check_ranges, number
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, Sightings, data_path
@@ -85,7 +85,8 @@ def source_config(partition: Partition) -> CaptureConfig:
     """The settings of the format of the data set.
 
     Raises:
-        ConfigError: the format is not installed, or is none of images by cameras.
+        ConfigError: the format is not installed, or is none of images by cameras; a number is out
+            of range.
         DataError: a setting is of another type.
     """
     spec = installed().find("datamanager", partition.datamanager)
@@ -101,7 +102,9 @@ def source_config(partition: Partition) -> CaptureConfig:
                 "Make it anew: gsfw partition DATA out=DIR with another folder.",
             )
         values[name] = found
-    return replace(config, **values)
+    chosen = replace(config, **values)
+    check_ranges(chosen, f"{partition.path}: settings.")
+    return chosen
 
 
 def check_source(config: object, name: str) -> CaptureConfig:

@@ -14,7 +14,9 @@ import numpy as np
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import DataError
+from gsfw.core.ranges import number
+from gsfw.datamanagers.camera_sequence import common_rate
 from gsfw.datamanagers.colmap.config import frames_of
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders
 from gsfw.datamanagers.colmap.reader import read_model
@@ -23,8 +25,6 @@ from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 
 PREFIX = "colmap_"
 LOOKED_FOR = f"{PREFIX}0, {PREFIX}1, ... with a COLMAP model in each"
-USUAL_RATE = 30.0
-"""Times per second of the recordings that papers use."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class _Instant:
 class ColmapPerFrameConfig(MultiCameraConfig):
     """Settings of the ``colmap-per-frame`` format. By default the first camera is held out."""
 
-    points_every: int = 1
+    points_every: int = number(1, at_least=1)
     """Points of every n-th time are used; all of them may be millions."""
 
     @classmethod
@@ -56,8 +56,6 @@ class ColmapPerFrameConfig(MultiCameraConfig):
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read all models and the headers of the images."""
-        if self.points_every < 1:
-            raise ConfigError(f"datamanager.points_every={self.points_every}: expected at least 1.")
         folders = _folders(path)
         if not folders:
             raise DataError(
@@ -66,8 +64,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
         numbers = sorted(folders)
         chosen = self.chosen_times(len(numbers), str(path))
         instants = [_read(numbers[place], folders[numbers[place]]) for place in chosen]
-        rate = self.fps or USUAL_RATE
-        source = "datamanager.fps" if self.fps else "the usual one; datamanager.fps=N gives another"
+        rate, source = common_rate((), self.fps)
         missing = [name for instant in instants for name in instant.missing]
         total = len(missing) + sum(len(instant.frames) for instant in instants)
         missing_note = missing_images(missing, total, path)

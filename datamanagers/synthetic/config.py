@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.core.config import DataManagerConfig, Detection
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.core.datamanager import DataManager, DataRequest
@@ -32,19 +33,19 @@ class SyntheticConfig(DataManagerConfig):
     }
     """Other recommendations for the scene without motion: 40 dB come soon."""
 
-    views: int = 60
+    views: int = number(60, at_least=2)
     """Training views, on a dome around the scene."""
-    eval_views: int = 8
+    eval_views: int = number(8, at_least=0)
     """Held-out views, elsewhere on the dome."""
-    width: int = 480
+    width: int = number(480, at_least=1)
     """Width of an image in pixels, before downscaling."""
-    height: int = 360
+    height: int = number(360, at_least=1)
     """Height of an image in pixels, before downscaling."""
-    points: int = 10_000
+    points: int = number(10_000, at_least=0)
     """Surface points to start from, each seen by some training view."""
     moving: bool = False
     """True if solids translate, rotate, deform, appear and vanish, and views carry a time."""
-    times: int = 10
+    times: int = number(10, at_least=2)
     """Distinct times of the moving scene, shared evenly among the training views."""
     seed: int = 0
     """Draws textures, cameras and points; independent of the run's seed."""
@@ -62,8 +63,8 @@ class SyntheticConfig(DataManagerConfig):
         """Place the cameras and cast the points to start from; images are cast when asked for.
 
         Raises:
-            ConfigError: the settings ask for nothing, contradict each other, or would take more
-                memory than ``cache_mb``.
+            ConfigError: the settings contradict each other, or would take more memory than
+                ``cache_mb``.
         """
         self._check(request)
         from gsfw.datamanagers.synthetic.data import SyntheticData
@@ -76,12 +77,6 @@ class SyntheticConfig(DataManagerConfig):
                 f"datamanager=synthetic is built in and reads no data, but data={request.path}.",
                 "Leave out data, or leave out datamanager to have the format recognised.",
             )
-        least = {"views": 2, "eval_views": 0, "width": 1, "height": 1, "points": 0, "times": 2}
-        for name, minimum in least.items():
-            if getattr(self, name) < minimum:
-                raise ConfigError(
-                    f"datamanager.{name}={getattr(self, name)}: expected at least {minimum}."
-                )
         if self.moving and self.views < self.times:
             raise ConfigError(
                 f"datamanager.views={self.views} cannot show datamanager.times={self.times}.",

@@ -51,6 +51,7 @@ def test_a_block_that_fits_nowhere_is_named(tmp_path, capsys):
         (("memory=lots",), "expected a size such as 8GB"),
         (("margin=-1",), "margin=-1: expected a number from 0 to 2"),
         (("share=0",), "share=0: expected a number above 0"),
+        (("downscale=0",), "downscale=0: expected a finite number of at least 1"),
         ((), "the whole scene fits in one piece"),
         (("datamanager=synthetic", "blocks=2"), "cannot be cut into blocks|reads no data"),
     ],

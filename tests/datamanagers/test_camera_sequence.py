@@ -48,13 +48,14 @@ def test_the_rate_is_what_videos_or_the_user_say(tmp_path):
     videos = [
         CameraSequence.read(name, write_video(tmp_path / f"{name}.mp4", rate=25)) for name in "ab"
     ]
-    assert common_rate(videos, 0.0, 30.0) == (pytest.approx(25.0), "the videos'")
-    assert common_rate(videos, 50.0, 30.0) == (50.0, "datamanager.fps")
+    assert common_rate(videos, 0.0) == (pytest.approx(25.0), "the videos'")
+    assert common_rate(videos, 50.0) == (50.0, "datamanager.fps")
+    assert common_rate((), 0.0)[0] == 30.0
     videos.append(CameraSequence.read("c", write_video(tmp_path / "c.mp4", rate=30)))
     with pytest.raises(
         DataError, match=r"c\.mp4 has 30 images per second, .*a\.mp4 25\.\n.*-vf fps=25 NEW\.mp4"
     ):
-        common_rate(videos, 0.0, 30.0)
+        common_rate(videos, 0.0)
 
 
 def test_the_shortest_footage_decides_the_length(tmp_path):

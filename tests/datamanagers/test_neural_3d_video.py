@@ -8,7 +8,7 @@ from support.small_captures import FOCAL, HEIGHT, WIDTH, projection_error, reque
 from support.small_videos import cameras, over_time, shade, write_video
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import DataError
 from gsfw.datamanagers.neural_3d_video import Neural3DVideoConfig
 
 CPU = torch.device("cpu")
@@ -195,20 +195,6 @@ def test_a_pose_that_is_none_is_refused(tmp_path):
     np.save(tmp_path / "poses_bounds.npy", table)
     with pytest.raises(DataError, match=r"row 1 \(cam01\): the pose is not rigid"):
         build(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"first": -1}, "datamanager.first=-1: expected at least 0."),
-        ({"stride": 0}, "datamanager.stride=0: expected at least 1."),
-        ({"fps": -2.0}, "datamanager.fps=-2: expected 0 or a positive number."),
-    ],
-)
-def test_settings_out_of_range_are_refused(tmp_path, settings, message):
-    write_folders(tmp_path, cameras())
-    with pytest.raises(ConfigError, match=message):
-        build(tmp_path, settings)
 
 
 def test_the_format_is_told_by_names(tmp_path):

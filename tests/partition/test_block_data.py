@@ -8,7 +8,7 @@ from support.street import write_street
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.render_settings import RenderSettings
@@ -110,6 +110,14 @@ def test_a_damaged_partition_is_refused_in_one_sentence(cut, damage, message):
     damage(document)
     (cut / FILE).write_text(json.dumps(document))
     with pytest.raises(DataError, match=message):
+        BlocksConfig().build(DataRequest(cut))
+
+
+def test_a_setting_of_a_partition_out_of_range_is_refused(cut):
+    document = json.loads((cut / FILE).read_text())
+    document["settings"]["blank_pixels"] = 1.5
+    (cut / FILE).write_text(json.dumps(document))
+    with pytest.raises(ConfigError, match=r"settings\.blank_pixels=1\.5: expected a number"):
         BlocksConfig().build(DataRequest(cut))
 
 

@@ -180,7 +180,6 @@ def test_parameters_that_are_not_finite_name_their_camera(tmp_path, value):
     ("settings", "message"),
     [
         ({"fisheye": "yes"}, "datamanager.fisheye=yes: expected undistort or keep."),
-        ({"blank_pixels": 1.5}, "datamanager.blank_pixels=1.5: expected a number from 0 to 1."),
         (
             {"field_of_view": 180.0},
             "datamanager.field_of_view=180: expected degrees up to 160.\n"

@@ -154,8 +154,6 @@ def test_nothing_on_disk_is_taken_for_the_built_in_scene(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"views": 1}, "datamanager.views=1: expected at least 2."),
-        ({"width": 0}, "datamanager.width=0: expected at least 1."),
         (
             {"moving": True, "times": 7},
             "datamanager.views=6 cannot show datamanager.times=7.\n"
