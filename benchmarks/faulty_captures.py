@@ -3,8 +3,8 @@
     python benchmarks/faulty_captures.py DATA [--only NAME] [--keep DIR]
 
 DATA is the folder of the shared data sets (captures/fox, synthetic/chair, ...). It prints the table
-of docs/guides/data.md, and ends with 1 if fewer than ten faults are named or a sound capture is
-called faulty.
+of docs/results/checking.md, and ends with 1 if fewer than ten faults are named or a sound capture
+is called faulty.
 """
 
 # ruff: noqa: T201

@@ -31,13 +31,9 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         "results": (
             "Results",
             (
-                *(
-                    "expected-results",
-                    "performance",
-                    "what-accuracy-costs",
-                    "compression",
-                    "moving-scenes-measured",
-                ),
+                *("expected-results", "performance", "what-accuracy-costs", "compression"),
+                *("moving-scenes-measured", "moving-scenes-settings", "planned-runs"),
+                *("cameras-from-photos", "checking"),
                 *("stress", "reliability", "findings"),
             ),
         ),
