@@ -380,6 +380,6 @@ def _ended(code: int, run: Run) -> Run:
     """
     if code and not is_notebook():
         raise KeyboardInterrupt(
-            f"{run.folder} has a checkpoint; go on: gsfw.open({str(run.folder)!r}).resume()"
+            f"{run.folder} has a checkpoint; continue with: gsfw.open({str(run.folder)!r}).resume()"
         )
     return run

@@ -9,7 +9,7 @@ from gsfw.plugins.specs import Spec, hookimpl
 def gsfw_commands() -> list[Spec]:
     """The built-in verbs."""
     return [
-        Spec("prepare", "make a data set of photos or video", "gsfw.commands.prepare:run"),
+        Spec("prepare", "make a data set from photos or videos", "gsfw.commands.prepare:run"),
         Spec(
             "partition",
             "cut a data set that is too large for one training into blocks",
@@ -19,11 +19,15 @@ def gsfw_commands() -> list[Spec]:
             "blocks", "train the blocks of a partition, and merge them", "gsfw.commands.blocks:run"
         ),
         Spec("train", "train a method on a data set", "gsfw.commands.train:run"),
-        Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
+        Spec("resume", "continue a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
-        Spec("render", "render images of a run", "gsfw.commands.render:run"),
-        Spec("report", "write one page of a run, or of several", "gsfw.commands.report:run"),
-        Spec("view", "look at a trained model in the browser", "gsfw.commands.view:run"),
+        Spec("render", "render images and films of a run", "gsfw.commands.render:run"),
+        Spec(
+            "report",
+            "write an HTML report of a run, or compare several",
+            "gsfw.commands.report:run",
+        ),
+        Spec("view", "show a trained model in the browser", "gsfw.commands.view:run"),
         Spec("open", "show the latest run in the browser", "gsfw.commands.open:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec(
@@ -34,24 +38,30 @@ def gsfw_commands() -> list[Spec]:
         Spec("edit", "crop, move, prune, reduce or recolour splats", "gsfw.commands.edit.verb:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("runs", "list, compare and remove runs", "gsfw.commands.runs:run"),
-        Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),
-        Spec("study", "make a table of runs, and keep what is finished", "gsfw.commands.study:run"),
+        Spec("check", "check a data set before training", "gsfw.commands.check:run"),
+        Spec("study", "train a table of runs, and compare them", "gsfw.commands.study:run"),
         Spec(
             "tradeoff",
-            "measure what a finished model, or its training, can give up",
+            "measure what quality costs in size and time",
             "gsfw.commands.tradeoff.verb:run",
         ),
         Spec(
             "stress",
-            "hold backends and methods to a catalogue of extremes",
+            "test backends and methods with extreme cases",
             "gsfw.commands.stress:run",
         ),
-        Spec("bench", "measure how fast drawing and training are here", "gsfw.commands.bench:run"),
-        Spec("completion", "complete command lines in a shell", "gsfw.commands.completion:run"),
         Spec(
-            "new", "write a package with a part of your own, to be changed", "gsfw.commands.new:run"
+            "bench", "measure the speed of rendering and training here", "gsfw.commands.bench:run"
         ),
-        Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),
+        Spec(
+            "completion", "print the completion script of a shell", "gsfw.commands.completion:run"
+        ),
+        Spec("new", "write a plugin package to start from", "gsfw.commands.new:run"),
+        Spec("plugins", "list installed parts and plugins, by slot", "gsfw.commands.plugins:run"),
         Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),
-        Spec("doctor", "check what works on this machine, and why not", "gsfw.commands.doctor:run"),
+        Spec(
+            "doctor",
+            "check the installation, and say why a part does not work",
+            "gsfw.commands.doctor:run",
+        ),
     ]

@@ -57,11 +57,11 @@ class BenchOptions(Options):
     repeats: int = number(20, at_least=1)
     """Number of measurements of each, after a warm-up."""
     sparse: bool = False
-    """Measure a step in which Adam updates visible rows only, too."""
+    """Also measure a step in which Adam updates visible rows only."""
     agreement: int = -1
     """Compare with the float64 reference on the workload and on this many random scenes; -1: no."""
     first_use: bool = False
-    """Measure the time of a new process to its first image, too."""
+    """Also measure the time of a new process to its first image."""
     sort: int = 0
     """Compare our sort with torch's for this many splats, where kernels run on a GPU; 0: no."""
 

@@ -36,18 +36,18 @@ class CoarseOptions:
     """The coarse model of the whole scene, from which blocks start."""
 
     steps: int = number(500, at_least=0)
-    """Its steps; 0: none, blocks start from their points."""
+    """Steps of the coarse model; 0: no coarse model, blocks start from their points."""
     downscale: float = number(2.0, at_least=1)
-    """Divisor of its images, on top of that of the blocks."""
+    """Downscaling of its images, on top of that of the blocks."""
     points: int = number(500_000, at_least=1)
-    """Points that it starts from at most; it does not grow."""
+    """Maximum number of its initial points; it does not grow."""
     rest: bool = True
-    """Blocks are trained with what their views see of it elsewhere; false: without."""
+    """Train blocks with the parts of it that their views see elsewhere; false: without them."""
 
 
 @dataclass(kw_only=True)
 class BlocksOptions(ExecutionOptions):
-    """Train a coarse model, then each block alone, and merge them; the same command goes on.
+    """Train a coarse model, then each block alone, and merge them; the same command continues.
 
     Besides the keys below it takes those of gsfw train, for every block: method, steps, minutes,
     downscale, strategy.max_gaussians, ...
@@ -97,7 +97,7 @@ def run(tokens: list[str]) -> int:
         ):
             failed = _train(training, executor, control, console)
         if interrupt.received:
-            console.say("stopped; the same command goes on.")
+            console.say("stopped; the same command continues.")
             return INTERRUPTED
         if failed:
             console.say(f"not merged: {', '.join(failed)} failed; the same command tries again.")
@@ -195,7 +195,7 @@ def _do(executor: Executor, jobs: Sequence[Job], control: Control, console: Cons
             quality = f", {psnr:.2f} dB" if isinstance(psnr, float) else ""
             console.say(f"{head}: trained in {duration(outcome.seconds)}{quality}")
         elif outcome.stopped:
-            console.say(f"{head}: stopped; it goes on from its checkpoint if it has one")
+            console.say(f"{head}: stopped; it continues from its checkpoint if it has one")
         else:
             failed.append(job.name)
             advice = f"\n{outcome.advice}" if outcome.advice else ""

@@ -16,7 +16,7 @@ class CompletionOptions(Options):
     zsh: gsfw completion zsh > FOLDER/_gsfw, for a FOLDER of $fpath
     fish: gsfw completion fish > ~/.config/fish/completions/gsfw.fish
 
-    The script holds what is installed now: make it again after an update, or a new plugin.
+    The script knows what is installed now: write it again after an update, or a new plugin.
     """
 
     examples: ClassVar[tuple[str, ...]] = (

@@ -46,7 +46,7 @@ class ConvertOptions(Options):
     time: float = number(0.0, at_least=0, at_most=1)
     """Time of a moving model or file, in [0, 1]; splats at rest ignore it."""
     sh_degree: int | None = None
-    """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that OUT holds."""
+    """Highest degree of view dependence (SH) to write, 0 to 4. none: the highest of the format."""
     check: Literal["auto", "true", "false"] = "auto"
     """Read OUT back, and compare images of both from all around IN (PSNR); motion is compared with
     its model in training views. auto: only up to 1.5 million splats; more take over a minute."""

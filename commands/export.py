@@ -51,14 +51,13 @@ class ExportOptions(RunOptions):
     time: float = number(0.0, at_least=0, at_most=1)
     """Time of a moving model, in [0, 1]; a static one ignores it."""
     keep: float = number(1.0, above=0, at_most=1)
-    """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
-    What that costs: gsfw tradeoff RUN."""
+    """Fraction of the Gaussians to write, in (0, 1]: those that add most to the training views.
+    gsfw tradeoff RUN measures the loss."""
     budget: str = ""
-    """Most Gaussians that are written, such as 200000, or megabytes of them as they are drawn, such
-    as 20MB: of a tree of levels of detail those that the training views need. Empty: all."""
+    """Maximum number of Gaussians to write, such as 200000, or megabytes of them as they are drawn,
+    such as 20MB: levels of detail chosen for the training views. Empty: all."""
     sh_degree: int | None = None
-    """Highest degree of view dependence (SH) that is written, 0 to 4. none: all that the format
-    holds."""
+    """Highest degree of view dependence (SH) to write, 0 to 4. none: the highest of the format."""
     times: str = ""
     """Write a numbered sequence of files instead of one: their number, evenly from time 0 to 1; or
     all, for the times of the data."""

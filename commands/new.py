@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class NewOptions(Options):
-    """Write a Python package that brings a method, or another part, of your own.
+    """Write a Python package with a method, or another part, of your own.
 
-    It can be installed, used and tested at once; you change what it does. Without KIND, the kinds
-    of parts are listed.
+    You can install, use and test it at once, and then change it. Without KIND, the kinds of parts
+    are listed.
     """
 
     examples: ClassVar[tuple[str, ...]] = (

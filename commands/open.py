@@ -12,7 +12,7 @@ from gsfw.commands.view import ViewOptions
 
 @dataclass(kw_only=True)
 class OpenOptions(ViewOptions):
-    """Look at the latest run in the browser; of a RUN or FILE that is named, as gsfw view does."""
+    """Show the latest run in the browser, or the given RUN or FILE, as gsfw view does."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw open",

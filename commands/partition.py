@@ -26,7 +26,7 @@ PICTURE = "partition.png"
 
 @dataclass(kw_only=True)
 class PartitionOptions(Options):
-    """Cut a data set that is too large for one training into blocks; copies nothing.
+    """Cut a data set that is too large for one training into blocks, without copying images.
 
     Besides the keys below it takes those of gsfw train that concern data: datamanager.masks,
     downscale, holdout_every, ... Next: gsfw blocks DIR.
@@ -44,11 +44,11 @@ class PartitionOptions(Options):
     blocks: str = "auto"
     """auto (as many as memory asks for), a number, or AxB along the two axes of the ground."""
     memory: str = "8GB"
-    """Memory that the training of one block may take."""
+    """Memory limit for the training of one block."""
     margin: float = number(0.15, at_least=0, at_most=2)
-    """Distance around a block's cell that it is trained on too, in parts of the shorter side."""
+    """Width of the border around a cell that is also trained, relative to its shorter side."""
     share: float = number(0.15, above=0, at_most=1)
-    """Part of what a view sees that a block has to hold for the view to be trained on there."""
+    """A view trains a block if this part of what it sees lies in the block."""
 
 
 def run(tokens: list[str]) -> int:

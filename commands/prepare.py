@@ -32,16 +32,16 @@ PREPARED = Path("prepared")
 """Default folder of results."""
 ROWS_SHOWN = 20
 """Largest number of unused files that are listed."""
-STOPPING = "stopping, which may take some seconds; the same command will go on from here"
+STOPPING = "stopping, which may take some seconds; the same command will continue from here"
 REFUSED = 1
 """Exit code of a capture that cannot be trained on."""
 
 
 @dataclass(kw_only=True)
 class PrepareOptions(CpuExecutionOptions):
-    """Make a data set of photos, of videos, or of another tool's data set; say if it will train.
+    """Make a data set from photos, videos or another tool's data set, and check it.
 
-    Cameras are computed with COLMAP, which is part of the installation. The same command goes on
+    Cameras are computed with COLMAP, which is part of the installation. The same command continues
     where it was stopped. Keys after train=true are those of gsfw train. Exit codes: 0 good, or
     usable with limits; 1 will not train; 2 a mistake in the command.
     """
@@ -56,13 +56,13 @@ class PrepareOptions(CpuExecutionOptions):
     )
 
     inputs: tuple[str, ...] = positionals("INPUT...")
-    """Folders of images, videos; or one data set that has cameras already."""
+    """Folders of images, videos; or one data set that already has cameras."""
     out: str = ""
-    """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
+    """Folder of the result: new, or that of an earlier gsfw prepare. Empty: prepared/INPUT."""
     frames: int = 150
     """Number of sharp, well-spaced frames to take from all videos together."""
     poses: Literal["auto", "compute", "keep"] = "auto"
-    """Compute cameras, keep those of a data set that has them, or auto: keep them if it has."""
+    """Compute new cameras, keep those of the data set, or auto: keep them if there are any."""
     cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
     """Images that share a camera: auto goes by EXIF, size and folder."""
     camera_model: str = "auto"
@@ -70,15 +70,15 @@ class PrepareOptions(CpuExecutionOptions):
     focal: float | None = None
     """Focal length in pixels of the images, as a first guess; none: from EXIF, or a usual one."""
     feature_size: int | None = None
-    """Longest side in pixels of the images that features are found in; none: by the machine."""
+    """Longest side of images for finding features, in pixels; none: by the machine."""
     features: int | None = None
-    """Most features of an image; none: by the machine and the number of images."""
+    """Maximum number of features of an image; none: by the machine and the number of images."""
     thorough: bool | None = None
-    """Find the finest features, too, in thrice the time; none: if photos would stay unused."""
+    """Also find the finest features, in three times the time; none: if photos stay unused."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
-    """Pairs of images to match: all with all, neighbours in time, or similar images."""
+    """Pairs of images to match: all pairs, neighbours in time, or similar images."""
     exhaustive_up_to: int = 200
-    """Photos up to which auto compares all with all."""
+    """Number of photos up to which matching=auto compares all pairs."""
     overlap: int = 10
     """Neighbours in time that sequential compares with each frame."""
     vocabulary: str = ""
@@ -98,12 +98,12 @@ class PrepareOptions(CpuExecutionOptions):
     dense: bool = False
     """Also write dense.ply: points of all surfaces, found as init=dense does, for other tools."""
     jobs: int = number(0, at_least=0)
-    """Cores to use, and with executor=ray jobs at a time; 0: all. With 1 the same images give the
-    same bits, with more nearly so."""
+    """Cores to use, or jobs at a time with executor=ray; 0: all. With 1, the same images give the
+    same bits; with more, poses differ in their last digits."""
     again: bool = False
-    """Start again, and ignore finished stages of an earlier run of the command."""
+    """Repeat all stages, including those that are finished."""
     train: bool = False
-    """Then train, into OUT/run; the words after it are for gsfw train (minutes=3: of training)."""
+    """Train afterwards, into OUT/run; settings after train=true are for gsfw train."""
 
 
 def run(tokens: list[str]) -> int:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class RenderOptions(RunOptions, DetailOptions):
-    """Render views, camera paths and the passing of time, as images and as films."""
+    """Render views, camera paths and changes over time, as images and films."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw render latest",
@@ -74,9 +74,9 @@ class RenderOptions(RunOptions, DetailOptions):
     """Name of the view whose camera what=time looks through (empty: the first held-out one), or a
     file of a camera path: of gsfw's viewer, nerfstudio's camera_path.json, or a transforms.json."""
     projection: Literal["camera", "stereo", "panorama"] = "camera"
-    """One image; those of two eyes, side by side; or all directions, for 360-degree players."""
+    """camera: one image; stereo: two eyes, side by side; panorama: for 360-degree players."""
     eye_distance: float = number(0.0, at_least=0)
-    """Distance of the eyes of stereo, in scene units. 0: 1/30 of that of what is looked at."""
+    """Distance between the eyes of stereo, in scene units. 0: 1/30 of the viewing distance."""
     tracks: bool = False
     """Draw the paths of some Gaussians over the last frames, where time passes."""
     tracks_count: int = number(150, at_least=1)

@@ -21,7 +21,7 @@ COMPARISON = "comparison.html"
 
 @dataclass(kw_only=True)
 class ReportOptions(Options):
-    """Write one page to look at and to send: of a run, or of several compared."""
+    """Write a self-contained HTML page about a run, or a comparison of several."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw report latest",
@@ -32,10 +32,10 @@ class ReportOptions(Options):
     runs: tuple[str, ...] = positionals("RUN...")
     """Run folders, checkpoints, or latest. Several are compared."""
     out: str = ""
-    """The page. Empty: report.html in the run; comparison.html here for several runs."""
+    """File to write. Empty: report.html in the run; comparison.html here for several runs."""
     views: int = number(9, at_least=1, at_most=18)
-    """Most views with images: the worst, the median and the best. Compared: at most 6, those that
-    differ most."""
+    """Maximum number of views with images: the worst, the median and the best. In a comparison at
+    most 6, those that differ most."""
     frames: int = number(36, at_least=0, at_most=72)
     """Frames of the film around the scene; 0: none."""
     error: Literal["auto", "flip", "absolute"] = "auto"
@@ -44,7 +44,7 @@ class ReportOptions(Options):
     """Source of the images: auto draws them from checkpoint and data, or takes those of an earlier
     report where it cannot; stored takes these in any case, which is quick."""
     data: str = ""
-    """Place of the data set. Empty: its place in training."""
+    """Place of the data set, if it was moved. Empty: that of the training."""
     device: str = ""
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training."""
 

@@ -61,8 +61,8 @@ COPY = "a copy of the run in a folder that you may write to"
 
 HELP = f"""usage: gsfw resume RUN [key=value ...]
 
-Go on with a run that was stopped, from its last checkpoint or the one that RUN names. On the CPU
-the result has the same bits as that of a run that was never stopped.
+Continue a stopped run from its last checkpoint, or from the one that RUN names. On the CPU the
+result has the same bits as that of an uninterrupted run.
 
 RUN is the folder that gsfw train made, a checkpoint in it, or latest.
 
@@ -119,7 +119,7 @@ def resume_run(
     """
     if found.model_file is not None:
         raise ConfigError(
-            f"{found.name} cannot go on: a model file has no optimizer and no images.",
+            f"{found.name} cannot be resumed: a model file has no optimizer and no images.",
             "Give the folder of the run that it was exported from.",
         )
     processes, shards, device = _asked(found, changed)
@@ -162,7 +162,7 @@ def resume_together(
         if changed:
             _write_settings(composition.settings, trainer, command)
         remember_run(folder.path)
-        console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
+        console.say(f"{describe(composition)}\ncontinuing after step {restored.step}")
         if keeper is not None:
             plan = read_plan(folder)
             stack.enter_context(recorded(trainer, composition.settings, command, plan))
@@ -250,7 +250,7 @@ def check_changeable(changed: Iterable[str]) -> None:
     for key in changed:
         if key.partition(".")[0] not in CHANGEABLE:
             raise ConfigError(
-                f"{key} cannot change when a run goes on.{did_you_mean(key, CHANGEABLE)}",
+                f"{key} cannot change when a run is resumed.{did_you_mean(key, CHANGEABLE)}",
                 f"Keys that may: {', '.join(CHANGEABLE)}.",
             )
 

@@ -50,7 +50,7 @@ class StressOptions(Options):
     """File of the heat map of errors over scale, depth, anisotropy and opacity, such as
     stress.png; none: it is not made."""
     list: bool = False
-    """List the cases; run nothing."""
+    """List the cases, without running them."""
 
 
 def run(arguments: list[str]) -> int:

@@ -33,7 +33,7 @@ class Budget:
     """Bounds of a study."""
 
     minutes: float | None = None
-    """Start no further run after so many minutes; the same command continues another time."""
+    """Start no further run after this many minutes; the same command continues later."""
 
 
 @dataclass(kw_only=True)
@@ -57,11 +57,11 @@ class StudyOptions(ExecutionOptions):
     jobs: int = number(0, at_least=0)
     """Runs at a time; 0: one, or with executor=ray as many as the cluster has resources for."""
     dry: bool = False
-    """Print the runs to make and their estimated time; run nothing."""
+    """Print the runs and their estimated time, without running them."""
     table: bool = False
-    """Make the tables again from results.json; run nothing."""
+    """Write the tables again from results.json, without running anything."""
     again: bool = False
-    """Make finished runs again (those of only), for instance after a change of the code."""
+    """Repeat finished runs (with only=: those), for instance after a change of the code."""
     keep_runs: bool = True
     """Keep the checkpoints of finished runs."""
     budget: Budget = field(default_factory=Budget)
@@ -194,7 +194,9 @@ def _tell(console: Console, ended: Ended) -> None:
         console.say(f"{head}failed: {ended.failure.error}{advice}")
         return
     if ended.result is None:
-        console.say(f"{name}: stopped; it goes on another time, from its checkpoint if it has one")
+        console.say(
+            f"{name}: stopped; it continues another time, from its checkpoint if it has one"
+        )
         return
     figures = ended.result.figures
     shown = [
@@ -213,7 +215,7 @@ def _tell_rest(console: Console, runner: Runner, control: Control, options: Stud
     if not runner.pending:
         return
     why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
-    further = "The same command goes on."
+    further = "The same command continues."
     if options.again:
         further = "The same command makes all of them again; only=ROW,SCENE names those left."
     console.say(f"{_runs(len(runner.pending))} left: {why}. {further}")
@@ -265,7 +267,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
         return "has failed, is tried again"
     steps = planned.steps_done()
     if steps is not None:
-        return f"goes on after step {steps}"
+        return f"continues after step {steps}"
     if known is None:
         return "is made"
     changed = [

@@ -72,7 +72,7 @@ def _go_on(run: Path, processes: int, caller: Caller, began: float, team: Team) 
     from gsfw.commands.interface.runs import find_run
     from gsfw.commands.resume import resume_together
 
-    caller.console.say(f"the processes were started again: going on with {run}")
+    caller.console.say(f"the processes were started again: continuing {run}")
     changed = {"processes": str(processes)}
     command = ["resume", str(run), f"processes={processes}"]
     return resume_together(

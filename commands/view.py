@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class ViewOptions(DetailOptions):
-    """Look at a trained model in the browser, or at two beside one another."""
+    """Show a trained model in the browser, or two side by side."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw view latest",
@@ -38,7 +38,7 @@ class ViewOptions(DetailOptions):
     """One or two: a run folder, a checkpoint, latest, a model file (.gsfw), or a splat file of any
     format (gsfw plugins slot=importer)."""
     data: str = ""
-    """Place of the data set. Empty: its place in training."""
+    """Place of the data set, if it was moved. Empty: that of the training."""
     device: str = ""
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
     port: int = number(0, at_least=0, at_most=65535)

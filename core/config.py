@@ -167,7 +167,7 @@ class CallbackConfig(ABC):
     """Settings of a callback, which are typed as ``callbacks.NAME.KEY=VALUE``."""
 
     enabled: bool = True
-    """True if the callback watches the run."""
+    """True to use the callback."""
 
     @abstractmethod
     def build(self) -> Callback:
@@ -246,11 +246,11 @@ class MethodConfig(ABC):
     minutes: float = number(0.0, at_least=0, below=math.inf)
     """Minutes of gsfw train from start to end, in which the run plans its steps; 0: no limit."""
     until: str = ""
-    """PSNR in dB, on views that the run holds back, that ends it; auto: when steps stop paying."""
+    """End at this PSNR in dB of training views set aside; auto: when more steps gain little."""
     held_back: int = number(0, at_least=0)
-    """Training views that are not trained on until the last part of a run with until=."""
+    """Training views that a run with until= sets aside until its last part."""
     pace: tuple[str, ...] = ()
-    """Recorded decisions of a run with minutes= or until=, as UPDATE:PACE; it repeats by them."""
+    """Recorded decisions of a run with minutes= or until=, as UPDATE:PACE, to repeat it."""
     rescale: bool = True
     """Rescale every schedule without a value of its own by steps=N."""
     seed: int = number(42, at_least=0, at_most=MAX_SEED)
@@ -258,27 +258,27 @@ class MethodConfig(ABC):
     device: str = AUTO
     """Device of the training: auto, cpu, cuda or cuda:N."""
     processes: int = number(0, at_least=0)
-    """Processes that share the views of a step; 0: one. 1 has the bits of any number of them."""
+    """Processes that share the views of a step; 0: one. 1 gives the bits of any larger number."""
     shards: int = number(0, at_least=0)
-    """Shards of the Gaussians, which the processes share out; 0: every process has all of them."""
+    """Shards into which processes divide the Gaussians; 0: every process has all of them."""
     init: str = AUTO
     """Initial splats: auto (points if any), points, random, dense (from the images), or a file."""
     dense_points: int = number(0, at_least=0)
-    """Most points of init=dense; 0: half as many as a training view has pixels."""
+    """Maximum number of points of init=dense; 0: half as many as a training view has pixels."""
     downscale: float = number(1.0, at_least=1, below=math.inf)
     """Shrink images by this factor (area filter); 2 halves the width and the height."""
     background: str = AUTO
     """Colour behind everything: white, black or r,g,b. auto: white where images have alpha."""
     random_background: bool = False
-    """A random background at every training step, so that empty stays empty (needs alpha)."""
+    """Use a random background at every step, so that empty space stays empty (needs alpha)."""
     checkpoint_every: int = steps_field(5000, floor=100)
     """Steps between checkpoints; 0: only at the end."""
     eval_every: int = steps_field(5000, floor=100)
     """Steps between evaluations on the held-out views; 0: only at the end."""
     eval_views: int = number(30, at_least=0)
-    """Held-out views of an evaluation in mid-run, evenly spread; 0: all. The last one has all."""
+    """Held-out views of evaluations before the last, evenly spread; 0: all."""
     log_every: int = number(10, at_least=1)
-    """Steps between logged steps."""
+    """Steps between two logged steps."""
     holdout_every: int = number(8, at_least=0)
     """One image of n is held out, unless the data brings its own split; 0: none."""
     holdout_by: str = HoldOutBy.AUTO.value
@@ -289,11 +289,11 @@ class MethodConfig(ABC):
     cache_mb: int = number(2048, at_least=0)
     """Memory of decoded images, in megabytes; where it is short, a quarter of it unless given."""
     data_cache_mb: int = number(4096, at_least=0)
-    """Disk that images of data=ADDRESS (https://...) may take as files, in megabytes."""
+    """Disk space for images of data=ADDRESS (https://...), in megabytes."""
     gpu_cache_mb: int = number(2048, at_least=0)
-    """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
+    """GPU memory for decoded images, in megabytes; 0: each use copies them."""
     check_memory: bool = True
-    """Refuse a run whose start needs more memory than there is; false: train all the same."""
+    """Refuse a run whose start needs more memory than there is; false: train anyway."""
     graph: str = AUTO
     """auto: record steps on a GPU as CUDA graphs, which saves time of the host; off: do not."""
     resolution_schedule: str = "none"
@@ -313,7 +313,7 @@ class MethodConfig(ABC):
     max_skipped: int = number(20, at_least=1)
     """Steps in a row that may be skipped because they were not finite before the run stops."""
     report: bool = True
-    """Write report.html, one page to look at and to send, at the end of a completed run."""
+    """Write report.html, a self-contained page, at the end of a completed run."""
     optim: OptimConfig = field(default_factory=OptimConfig)
     rasterizer: RasterizerConfig | None = None
     strategy: StrategyConfig | None = None

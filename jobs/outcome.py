@@ -18,7 +18,7 @@ class Outcome:
     resumed: bool = False
     """True if it went on from a checkpoint, so that these are not all its seconds."""
     stopped: bool = False
-    """True if it was asked to end; it goes on from its checkpoint another time."""
+    """True if it was asked to end; it continues from its checkpoint another time."""
     error: str = ""
     """Cause of a failure in a sentence; empty for none."""
     advice: str = ""

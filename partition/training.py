@@ -102,7 +102,7 @@ class BlockTraining:
                     f"{self.folder}: its blocks were begun with {key}="
                     f"{before.get(key, 'its default')}, and now it is {now.get(key, 'its default')}"
                     ".",
-                    "Give the same settings to go on, or again=true to train all blocks anew.",
+                    "Give the same settings to continue, or again=true to train all blocks anew.",
                 )
         document = {"schema": SCHEMA, "settings": now}
         write_atomically(path, (json_text(document, indent=1) + "\n").encode())

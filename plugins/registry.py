@@ -35,8 +35,8 @@ SLOTS = MappingProxyType(
 
 
 OTHER_RASTERIZER = (
-    "\nA run can go on with another one: gsfw resume RUN rasterizer=cpu; if it is finished, with "
-    "steps=N too."
+    "\nA run can be resumed with another one: gsfw resume RUN rasterizer=cpu; if it is finished, "
+    "with steps=N too."
 )
 """The way out for a run whose rasterizer is missing: it can change, unlike method and strategy."""
 

@@ -32,7 +32,7 @@ def check_room(path: Path, size: int = 0) -> None:
         raise OutputError(
             f"the disk is nearly full: {path} may need {(ROOM + size) // 1_000_000} MB more, and "
             f"{free // 1_000_000} MB are free.",
-            "Free some space, and the same command goes on; or choose another place with out=DIR.",
+            "Free some space, and the same command continues; or choose another folder: out=DIR.",
         )
 
 

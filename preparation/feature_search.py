@@ -99,7 +99,7 @@ def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
             raise UnavailableError(
                 f"one of {jobs} processes that look for features was ended from outside, most "
                 "likely because memory ran out.",
-                "Run the same command again with fewer processes (jobs=1): it goes on with the "
+                "Run the same command again with fewer processes (jobs=1): it continues with the "
                 "images that are not done. If that does not help, look on smaller images "
                 "(feature_size=1000).",
             ) from error

@@ -1,4 +1,4 @@
-"""Journal: which stages of a preparation are finished, so that the same command goes on.
+"""Journal: which stages of a preparation are finished, so that the same command continues.
 
 A stage is the same as before when its settings are, and those of all stages before it. Where they
 are not, what it and all later ones have left is removed before it starts again.

@@ -20,8 +20,8 @@ from gsfw.preparation.sift import ERRORS
 Item = TypeVar("Item")
 
 CUT_OFF = (
-    "The same command goes on with what is not done. If memory has run out there, job.memory_mb=N "
-    "keeps N megabytes for each job, and feature_size=1000 needs less."
+    "The same command continues with what is not done. If memory has run out there, "
+    "job.memory_mb=N keeps N megabytes for each job, and feature_size=1000 needs less."
 )
 
 

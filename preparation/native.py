@@ -20,8 +20,8 @@ ADVICE = (
     "it fails again, report it with what is in DIR/work/log."
 )
 ABORTED = (
-    "The disk may be full or failing. Give it room, and run the same command, which goes on; if it "
-    "fails again, report it with what is in DIR/work/log."
+    "The disk may be full or failing. Free some space, and run the same command, which continues; "
+    "if it fails again, report it with what is in DIR/work/log."
 )
 SOURCE_LINE = re.compile(r"^\[[\w.]+:\d+\]\s*")
 """Source line of COLMAP at the beginning of its messages."""

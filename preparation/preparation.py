@@ -1,6 +1,6 @@
 """Preparation: photos or videos become a data set, one stage after the other.
 
-Each stage is kept in the journal, so that the same command goes on where it was stopped, and a
+Each stage is kept in the journal, so that the same command continues where it was stopped, and a
 changed setting repeats only the stages that depend on it.
 """
 

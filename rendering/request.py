@@ -158,7 +158,7 @@ def _gathered(frames: FrameFolder, rendered: Iterator[Path], name: str, say: Say
         return list(tracked(rendered, f"rendering {name}", len(frames.names)))
     except KeyboardInterrupt:
         there = sum((frames.path / frame).is_file() for frame in frames.names)
-        say(f"{name}: {there} of {len(frames.names)} frames are there; the same command goes on")
+        say(f"{name}: {there} of {len(frames.names)} frames are there; the same command continues")
         raise
 
 

@@ -119,7 +119,7 @@ def _unfinished(record: RunRecord, path: str) -> str:
     if record.state is State.RUNNING:
         return f"This run is in training: {progress} {figures}"
     return (
-        f"This run is not finished: {progress} {figures} If it was stopped, go on with: "
+        f"This run is not finished: {progress} {figures} If it was stopped, continue with: "
         f"gsfw resume {path}"
     )
 

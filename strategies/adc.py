@@ -60,13 +60,13 @@ class AdcConfig(StrategyConfig):
     grow_time_gradient: float = number(0.0, at_least=0)
     """Rows also grow above this mean gradient of the temporal centre, in sequences; 0: off."""
     split_lifetime: float = number(0.5, at_least=0)
-    """Rows that grow by that are split where they are there for more of the sequence than this."""
+    """Rows that grow by it are split if visible for more than this part of the sequence."""
     split_size: float = number(0.01, at_least=0)
     """Growing rows are split above this standard deviation, in extents, and cloned below it."""
     prune_opacity: float = number(0.005, at_least=0)
     """Rows below this opacity are removed."""
     prune_lifetime: float = number(0.0, at_least=0)
-    """Rows that are there for less than this many of the capture's times are removed; 0: none."""
+    """Rows visible at fewer than this many of the capture's times are removed; 0: none."""
     prune_size: float = number(0.1, at_least=0)
     """Rows above this deviation, in extents, are removed after the first reset, if most rows are
     below it; 0: none."""

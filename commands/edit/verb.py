@@ -144,7 +144,8 @@ class EditOptions(Options):
     step: int | None = None
     """Step of the run's checkpoint. none: the last."""
     data: str = ""
-    """Place of the run's data set. Empty: its place in training; a model file needs none."""
+    """Place of the run's data set, if it was moved. Empty: that of the training; a model file needs
+    none."""
     device: str = ""
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
     dry_run: bool = False

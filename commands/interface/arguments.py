@@ -236,7 +236,8 @@ class RunOptions(Options):
     run: str = positional("RUN")
     """A run folder, a checkpoint, a model file (.gsfw), or latest."""
     data: str = ""
-    """Place of the data set. Empty: its place in training; a model file needs none."""
+    """Place of the data set, if it was moved. Empty: that of the training; a model file needs
+    none."""
     device: str = ""
     """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
 
@@ -250,14 +251,13 @@ class DetailOptions(Options):
     """Options of every verb that can draw a static model within a budget."""
 
     budget: str = ""
-    """Most Gaussians in a view, such as 200000, or megabytes of them, such as 200MB: those of a
-    tree of levels of detail. Empty: all; of a tree in a file (.lod) what half of memory holds."""
+    """Maximum number of Gaussians in a view, such as 200000, or megabytes of them, such as 200MB,
+    chosen by levels of detail. Empty: all; for a .lod file, what half of memory holds."""
     detail: float = number(0.0, at_least=0, below=math.inf)
     """Size in pixels below which Gaussians are drawn as one. 0: none are, as far as the budget
     goes."""
     memory: str = ""
-    """Most memory for the Gaussians of a tree in a file (.lod), such as 256MB or 2GB. Empty:
-    512MB."""
+    """Memory limit for the Gaussians of a .lod file, such as 256MB or 2GB. Empty: 512MB."""
 
     def drawn(self) -> Detail:
         """The options as a whole.

@@ -22,7 +22,7 @@ class RayOptions:
 
     address: str = "auto"
     """auto: the cluster that RAY_ADDRESS names, or that this machine is part of; local: start one
-    of this machine alone; HOST:PORT: that cluster."""
+    on this machine only; HOST:PORT: that cluster."""
 
 
 @dataclass(kw_only=True)
@@ -30,11 +30,11 @@ class JobOptions:
     """Resources of one job."""
 
     cpus: float | None = None
-    """Cores, and threads; none: jobs at a time share the cores of a machine."""
+    """Cores (and threads) per job; none: simultaneous jobs share the cores of a machine."""
     gpus: float | None = None
-    """With executor=ray: GPUs; 0.5 lets two jobs share one; none: one, where there are any."""
+    """GPUs per job, with executor=ray; 0.5 lets two jobs share one; none: one, if there are any."""
     memory_mb: float = 0.0
-    """With executor=ray: megabytes of main memory that have to be free for it; 0: any."""
+    """Main memory that a job needs, in megabytes, with executor=ray; 0: any."""
 
 
 @dataclass(kw_only=True)
@@ -42,9 +42,9 @@ class CpuJobOptions:
     """Resources of one job of executor=ray, which uses no GPU."""
 
     cpus: float | None = None
-    """With executor=ray: cores, and threads; none: one."""
+    """Cores (and threads) per job, with executor=ray; none: one."""
     memory_mb: float = 0.0
-    """With executor=ray: megabytes of main memory that have to be free for it; 0: any."""
+    """Main memory that a job needs, in megabytes, with executor=ray; 0: any."""
 
 
 @dataclass(kw_only=True)
@@ -52,7 +52,7 @@ class ExecutorOptions(Options):
     """Options of a verb whose work can be divided among machines."""
 
     executor: Literal["local", "ray"] = "local"
-    """Machines that do the work: local is this one, ray the machines of a Ray cluster."""
+    """Where to compute: local (this machine), or ray (the machines of a Ray cluster)."""
     ray: RayOptions = field(default_factory=RayOptions)
     """The cluster of executor=ray."""
 

@@ -43,9 +43,9 @@ class ModelOptions(RunOptions):
     axes: tuple[AxisName, ...] = ()
     """Axes to vary, each by itself; empty: all. combined varies several at a time."""
     views: int = number(16, at_least=1)
-    """Most held-out views for the accuracy, spread evenly."""
+    """Maximum number of held-out views for the accuracy, evenly spread."""
     repeats: int = number(5, at_least=1)
-    """Rounds in which every variant is rendered for its time."""
+    """Number of times that every variant is rendered to measure its speed."""
     target: Target = field(default_factory=Target)
     """Bounds that the recommended variant must reach."""
     budget: Budget = field(default_factory=Budget)
@@ -92,7 +92,7 @@ def run(arguments: list[str]) -> int:
         except KeyboardInterrupt:
             console.say(
                 f"\nstopped; {len(store.records)} of {len(variants)} variants are measured and "
-                f"kept in {store.path}: the same command goes on from there."
+                f"kept in {store.path}: the same command continues from there."
             )
             raise
     console.result(_report(console, model, store, left_out, options))

@@ -40,7 +40,7 @@ class TrainingBudget(Budget):
 
     minutes: float | None = None
     """Duration of all training. Length and, without downscale, size of the images are chosen to
-    fit; the same command goes on with the remaining runs."""
+    fit; the same command continues with the remaining runs."""
 
 
 @dataclass(kw_only=True)
@@ -64,7 +64,7 @@ class TrainingOptions(ExecutionOptions):
     """Runs at a time, which share the cores; 0: two, where there are two cores and no GPU; with
     executor=ray as many as the cluster has resources for."""
     repeats: int = number(5, at_least=1)
-    """Rounds in which every variant is rendered for its time."""
+    """Number of times that every variant is rendered to measure its speed."""
     out: str = ""
     """Folder of the runs and of tradeoff.json, .csv and .png. Empty: runs/tradeoffs/DATA."""
 
@@ -273,7 +273,7 @@ def _tell(console: Console, ended: Ended) -> None:
     if ended.failure is not None:
         console.say(f"{name}: failed: {ended.failure.error}")
     elif ended.result is None:
-        console.say(f"{name}: stopped; it goes on another time")
+        console.say(f"{name}: stopped; it continues another time")
     else:
         figures = ended.result.figures
         console.say(
@@ -294,7 +294,7 @@ def _report(
     found = experiment.found()
     if not any(item.is_baseline for item in found):
         if control.stop_reason is not None:
-            console.say("stopped before the baseline was made; the same command goes on")
+            console.say("stopped before the baseline was made; the same command continues")
             raise KeyboardInterrupt
         raise DataError(*experiment.why_nothing())
     wish = wish_of(options.target, options.budget)
@@ -316,4 +316,4 @@ def _tell_rest(
     left = experiment.left()
     if left:
         why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
-        console.say(f"{left} runs are left: {why}. The same command goes on.")
+        console.say(f"{left} runs are left: {why}. The same command continues.")

@@ -23,7 +23,7 @@ class Target:
     """Bounds that must be reached."""
 
     psnr: float | None = None
-    """Least PSNR of the recommended variant on held-out views, in dB."""
+    """Minimum PSNR of the recommended variant on held-out views, in dB."""
 
 
 @dataclass

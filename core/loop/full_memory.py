@@ -105,4 +105,4 @@ def _advice(trainer: Trainer, cache: str, elsewhere: str) -> str:
         return f"{advice}."
     change = f"{cache}=0" if settings.get(cache) else elsewhere
     resume = f"gsfw resume {folder.path} {change}".rstrip()
-    return f"{advice}.\n{kept} is kept: {resume} goes on from there."
+    return f"{advice}.\n{kept} is kept: {resume} continues from there."

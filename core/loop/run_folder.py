@@ -204,7 +204,7 @@ class RunFolder:
         if self._is_watched and not self.unfinished.exists():
             raise OutputError(
                 f"{self.path} is gone: it was removed, or its disk is no longer there.",
-                f"Bring the disk back, and go on with gsfw resume {self.path}.",
+                f"Bring the disk back, and continue with gsfw resume {self.path}.",
             )
 
     def cut_metrics_log(self, step: int, is_evaluated_again: bool) -> None:

@@ -134,7 +134,7 @@ def test_missing_data_and_missing_runs_are_refused(finished_run, tmp_path):
         open_run("nothing")
     with pytest.raises(ConfigError, match=r"is a model and no run.*\n.*gsfw.load\("):
         open_run(finished_run / "splats.ply")
-    with pytest.raises(ConfigError, match="seed cannot change when a run goes on"):
+    with pytest.raises(ConfigError, match="seed cannot change when a run is resumed"):
         open_run(finished_run).resume(settings={"seed": 3}, progress=False)
 
 
@@ -171,7 +171,9 @@ def test_runs_in_threads_have_equal_bits_and_leave_nothing_behind(tmp_path):
 @pytest.mark.slow
 def test_an_interrupted_run_keeps_a_checkpoint_and_goes_on_with_the_same_bits(tmp_path):
     whole = quick()
-    with pytest.raises(KeyboardInterrupt, match=r"stopped has a checkpoint; go on: gsfw.open"):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"stopped has a checkpoint; continue with: gsfw.open"
+    ):
         quick(out="stopped", callbacks=[StopAt(9)])
     run = open_run("stopped")
     assert (run.steps, run.is_finished, dict(run.metrics)) == (9, False, {})

@@ -112,7 +112,7 @@ def test_killed_and_interrupted_blocks_go_on_and_finished_ones_stay(tmp_path, ca
     said, complained = process.communicate(timeout=60)
     assert process.returncode == 130, said + complained
     assert "blocks: 1 trained, 1 to train" in said
-    assert "block b1: stopped; it goes on from its checkpoint" in said
+    assert "block b1: stopped; it continues from its checkpoint" in said
     assert second.latest_checkpoint() > reached
 
     capsys.readouterr()

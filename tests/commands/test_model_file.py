@@ -210,7 +210,7 @@ def test_a_run_whose_data_moved_says_where_it_was_and_what_to_do(
 def test_a_model_file_cannot_go_on_and_holds_one_state(model, capsys):
     assert main(["resume", str(model)]) == 2
     assert capsys.readouterr().err == (
-        f"error: {model} cannot go on: a model file has no optimizer and no images.\n"
+        f"error: {model} cannot be resumed: a model file has no optimizer and no images.\n"
         "Give the folder of the run that it was exported from.\n"
     )
     assert main(["export", str(model), "step=2"]) == 2

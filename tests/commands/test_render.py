@@ -318,7 +318,7 @@ def test_an_interrupted_render_says_that_it_can_go_on(moving_run, tmp_path):
     process.send_signal(signal.SIGINT)
     said, _ = process.communicate()
     assert process.returncode == 130
-    found = re.search(r"orbit: (\d+) of 4000 frames are there; the same command goes on", said)
+    found = re.search(r"orbit: (\d+) of 4000 frames are there; the same command continues", said)
     assert found is not None, said
     frames = sorted((tmp_path / "orbit").iterdir())
     assert len(frames) == int(found[1]) + 1, "and the list of frames"

@@ -34,7 +34,7 @@ def test_a_finished_run_says_so(run, capsys):
 
 def test_more_steps_go_on_where_it_ended_and_are_remembered(run, capsys):
     assert main(["resume", str(run), "steps=24"]) == 0
-    assert "going on after step 20" in capsys.readouterr().out
+    assert "continuing after step 20" in capsys.readouterr().out
     assert json.loads(RunFolder(run).summary.read_text())["steps"] == 24
     assert main(["resume", str(run)]) == 0
     assert "it has done all of its 24 steps" in capsys.readouterr().out
@@ -77,7 +77,7 @@ def test_fewer_steps_than_done_are_refused(run, capsys):
 
 def test_settings_that_are_part_of_the_state_cannot_change(run, capsys):
     said = refusal(capsys, str(run), "strategy=none")
-    assert said.startswith("error: strategy cannot change when a run goes on.\nKeys that may: ")
+    assert said.startswith("error: strategy cannot change when a run is resumed.\nKeys that may: ")
     assert "Did you mean 'steps'?" in refusal(capsys, str(run), "step=30")
 
 

@@ -102,8 +102,8 @@ def test_an_interrupted_study_says_how_to_go_on(file, out, capsys):
     file.write_text(STUDY.replace("[1]", f"[{INTERRUPTS}, 1]"))
     assert study(file, out) == 130
     said = capsys.readouterr().out
-    assert "stopped; it goes on another time, from its checkpoint if it has one\n" in said
-    assert "4 runs left: interrupted by SIGINT. The same command goes on.\n" in said
+    assert "stopped; it continues another time, from its checkpoint if it has one\n" in said
+    assert "4 runs left: interrupted by SIGINT. The same command continues.\n" in said
     assert study(file, out, "only=still") == 0
 
 
@@ -111,7 +111,7 @@ def test_an_interrupted_study_says_how_to_go_on(file, out, capsys):
 def test_a_budget_leaves_the_rest_for_another_time(file, out, capsys):
     assert study(file, out, "budget.minutes=1e-9") == 0
     said = capsys.readouterr().out
-    assert "2 runs left: budget.minutes=1e-09 is over. The same command goes on." in said
+    assert "2 runs left: budget.minutes=1e-09 is over. The same command continues." in said
 
 
 @pytest.mark.usefixtures("quick")

@@ -127,7 +127,7 @@ def test_what_is_finished_is_kept_over_an_interruption(run, capsys, monkeypatch)
     assert main(["tradeoff", str(run), "axes=sh", "repeats=1"]) == 130
     path = run / "tradeoff" / "tradeoff.json"
     assert (
-        f"stopped; 2 of 4 variants are measured and kept in {path}: the same command goes on "
+        f"stopped; 2 of 4 variants are measured and kept in {path}: the same command continues "
         "from there.\n"
     ) in capsys.readouterr().out
     monkeypatch.setattr(Runner, "measure", whole)

@@ -17,7 +17,7 @@ def test_help_imports_neither_torch_nor_viser():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert result.stdout.splitlines()[-1] == " end".strip()
-    assert "Look at a trained model" in result.stdout
+    assert "Show a trained model" in result.stdout
     assert "splat file of any format (gsfw plugins slot=importer)" in result.stdout
 
 

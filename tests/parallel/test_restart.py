@@ -15,10 +15,10 @@ def test_processes_that_torchrun_starts_again_go_on_from_the_last_checkpoint(tmp
     training = Training(tmp_path, launcher=(*TORCHRUN, "--max-restarts=1"))
     before = last_step(training.folder)
     os.kill(training.workers()["1"], signal.SIGKILL)
-    training.wait_for(lambda: "going on after step" in training.said)
+    training.wait_for(lambda: "continuing after step" in training.said)
     training.wait_for(lambda: last_step(training.folder) > before + 20)
-    assert f"the processes were started again: going on with {training.folder}" in training.said
-    again = int(training.said.split("going on after step ")[1].split()[0])
+    assert f"the processes were started again: continuing {training.folder}" in training.said
+    again = int(training.said.split("continuing after step ")[1].split()[0])
     assert again >= before
     for pid in training.workers().values():  # No restart is left.
         os.kill(pid, signal.SIGKILL)

@@ -261,7 +261,7 @@ def test_a_dry_run_says_the_plan_and_leaves_nothing(machine, tmp_path, capsys):
 def test_a_time_cannot_change_when_a_run_goes_on(machine, tmp_path, capsys):
     assert main([*RUN, "steps=4", f"out={tmp_path}"]) == 0
     assert main(["resume", str(tmp_path), "minutes=3"]) == 2
-    assert "minutes cannot change when a run goes on" in capsys.readouterr().err
+    assert "minutes cannot change when a run is resumed" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -57,7 +57,7 @@ def test_a_run_whose_rasterizer_is_missing_can_go_on_with_another():
         fake_registry().find("rasterizer", "dots", ("gsfw-dots 0.3", "pkg0 1.0"))
     assert caught.value.advice == (
         "Install it, if you trust it: pip install gsfw-dots==0.3\n"
-        "A run can go on with another one: gsfw resume RUN rasterizer=cpu; if it is finished, "
+        "A run can be resumed with another one: gsfw resume RUN rasterizer=cpu; if it is finished, "
         "with steps=N too."
     )
 

@@ -327,7 +327,7 @@ def test_parts_that_fail_while_a_run_trains_are_named_and_the_run_goes_on(site, 
     assert summary["psnr"] > 10
     for warning in (
         "callback 'watch' (gsfw-failing 0.3) failed in on_step and is off from here on; the run "
-        "goes on: ConnectionError: no network",
+        "continues: ConnectionError: no network",
         "metric 'weights' (gsfw-failing 0.3) failed; its figures are NaN: OSError: no weights",
     ):
         assert result.stderr.count(f"warning: {warning}") == 1

@@ -35,7 +35,7 @@ def test_features_are_not_written_to_a_full_disk(tmp_path, full, looks):
         extract_features(database, images, captured.one_group(images), FeatureSettings())
     assert str(caught.value) == (
         f"the disk is nearly full: {database} may need 32 MB more, and 5 MB are free.\n"
-        "Free some space, and the same command goes on; or choose another place with out=DIR."
+        "Free some space, and the same command continues; or choose another folder: out=DIR."
     )
 
 

@@ -292,7 +292,7 @@ def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
         extract_features(tmp_path / "d.db", images, captured.one_group(images), two)
     assert str(caught.value) == (
         "one of 2 processes that look for features was ended from outside, most likely because "
-        "memory ran out.\nRun the same command again with fewer processes (jobs=1): it goes on "
+        "memory ran out.\nRun the same command again with fewer processes (jobs=1): it continues "
         "with the images that are not done. If that does not help, look on smaller images "
         "(feature_size=1000)."
     )

@@ -88,7 +88,7 @@ class RunPanel(Panel):
         """Ask once more: a stopped run goes on only by hand."""
         with self._gui.add_modal("Stop the run?") as modal:
             self._gui.add_markdown(
-                "It ends after this step, with a checkpoint. `gsfw resume` goes on with it."
+                "It ends after this step, with a checkpoint. `gsfw resume` continues it."
             )
             sure = self._gui.add_button("Stop it", color="red")
             back = self._gui.add_button("Go on", color="gray")

@@ -18,7 +18,7 @@ class WandbConfig(CallbackConfig):
     """Weights & Biases."""
 
     enabled: bool = False
-    """True if the callback watches the run."""
+    """True to use the callback."""
     mode: Literal["online", "offline"] = "online"
     """online needs an account (wandb login); offline writes files, which wandb sync sends later."""
     project: str = "gsfw"

@@ -226,7 +226,7 @@ class Experiment:
         for failure in self._failed():
             if failure.row == BASELINE:
                 return f"the baseline failed: {failure.error}", failure.advice
-        return "no run of the baseline was finished.", "The same command goes on."
+        return "no run of the baseline was finished.", "The same command continues."
 
     def about(self) -> dict[str, Any]:
         """The baseline, the lengths and the machine, for the document."""

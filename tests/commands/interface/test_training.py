@@ -45,7 +45,7 @@ def test_a_full_gpu_says_what_to_turn_and_how_to_go_on(out, capsys, monkeypatch)
         "A run needs less with smaller images (downscale=2), fewer Gaussians "
         "(strategy.max_gaussians=75) or no images kept there (gpu_cache_mb=0); a lower "
         "rasterizer.pairs_mb refuses single images that need much.\n"
-        f"{out}/checkpoints/step_000000001.pt is kept: gsfw resume {out} gpu_cache_mb=0 goes on "
+        f"{out}/checkpoints/step_000000001.pt is kept: gsfw resume {out} gpu_cache_mb=0 continues "
         "from there.\n"
     )
     monkeypatch.undo()

@@ -47,7 +47,7 @@ def test_before_the_parameters_change_a_checkpoint_is_written(tmp_path, monkeypa
     run, error = refused(tmp_path)
     kept = run.folder.latest_checkpoint()
     assert kept == run.folder.checkpoint(FAILING)
-    assert f"{kept} is kept: gsfw resume {tmp_path} device=cpu goes on" in error.advice
+    assert f"{kept} is kept: gsfw resume {tmp_path} device=cpu continues" in error.advice
     monkeypatch.undo()
     again = trainer(tmp_path, "adc", Recorder())
     again.load_state_dict(read_checkpoint(kept))

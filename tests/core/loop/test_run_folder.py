@@ -207,7 +207,7 @@ def test_a_run_whose_disk_is_gone_writes_nothing_in_its_place(tmp_path):
                 folder.write_checkpoint(1, {})
             assert not folder.path.exists()
 
-    with pytest.raises(OutputError, match="go on with gsfw resume"):
+    with pytest.raises(OutputError, match="continue with gsfw resume"):
         train()
 
 
