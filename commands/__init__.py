@@ -22,11 +22,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("resume", "continue a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
         Spec("render", "render images and films of a run", "gsfw.commands.render:run"),
-        Spec(
-            "report",
-            "write an HTML report of a run, or compare several",
-            "gsfw.commands.report:run",
-        ),
+        Spec("report", "write an HTML report of one or more runs", "gsfw.commands.report:run"),
         Spec("view", "show a trained model in the browser", "gsfw.commands.view:run"),
         Spec("open", "show the latest run in the browser", "gsfw.commands.open:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
@@ -45,23 +41,11 @@ def gsfw_commands() -> list[Spec]:
             "measure what quality costs in size and time",
             "gsfw.commands.tradeoff.verb:run",
         ),
-        Spec(
-            "stress",
-            "test backends and methods with extreme cases",
-            "gsfw.commands.stress:run",
-        ),
-        Spec(
-            "bench", "measure the speed of rendering and training here", "gsfw.commands.bench:run"
-        ),
-        Spec(
-            "completion", "print the completion script of a shell", "gsfw.commands.completion:run"
-        ),
+        Spec("stress", "test backends and methods with extreme cases", "gsfw.commands.stress:run"),
+        Spec("bench", "measure rendering and training speed", "gsfw.commands.bench:run"),
+        Spec("completion", "print a script for shell completion", "gsfw.commands.completion:run"),
         Spec("new", "write a plugin package to start from", "gsfw.commands.new:run"),
         Spec("plugins", "list installed parts and plugins, by slot", "gsfw.commands.plugins:run"),
         Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),
-        Spec(
-            "doctor",
-            "check the installation, and say why a part does not work",
-            "gsfw.commands.doctor:run",
-        ),
+        Spec("doctor", "check the installation of gsfw", "gsfw.commands.doctor:run"),
     ]

@@ -52,7 +52,7 @@ class ExecutorOptions(Options):
     """Options of a verb whose work can be divided among machines."""
 
     executor: Literal["local", "ray"] = "local"
-    """Where to compute: local (this machine), or ray (the machines of a Ray cluster)."""
+    """Place of the computation: local (this machine), or ray (the machines of a Ray cluster)."""
     ray: RayOptions = field(default_factory=RayOptions)
     """The cluster of executor=ray."""
 

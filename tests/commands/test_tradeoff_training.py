@@ -104,7 +104,7 @@ def test_a_search_halves_recommends_and_goes_on(tmp_path, capsys, quick):
 def test_time_that_is_over_leaves_runs_for_the_same_command(tmp_path, capsys, quick):
     words = [*TINY, "steps=400", "downscale=1", f"out={tmp_path}", "axes=antialias"]
     error = told(capsys, *words, "budget.minutes=1e-6", code=2)
-    assert "no run of the baseline was finished.\nThe same command goes on.\n" in error
+    assert "no run of the baseline was finished.\nThe same command continues.\n" in error
     said = told(capsys, *words)
     assert "runs are left" not in said
     assert "For a loss of at most 0.10 dB against the baseline: gsfw train " in said
