@@ -94,7 +94,8 @@ class PrepareOptions(CpuExecutionOptions):
     jpeg_quality: int = 95
     """Quality of JPEG files that are encoded again."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
-    """Layout of a converted data set: colmap, transforms, or auto (transforms with times)."""
+    """colmap, transforms (keeps times of a video's frames, for scenes that move), or auto:
+    transforms for a data set with times or depths, else colmap."""
     dense: bool = False
     """Also write dense.ply: points of all surfaces, found as init=dense does, for other tools."""
     jobs: int = number(0, at_least=0)
@@ -223,6 +224,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.pairs import MatchingRule
     from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.writing.image_output import OutputRule
+    from gsfw.preparation.writing.written_files import COLMAP, TRANSFORMS
 
     cores = os.cpu_count() or 1
     rule = PreparationRule(
@@ -243,6 +245,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
             refine_principal_point=options.refine_principal_point,
         ),
         output=OutputRule(options.lens, options.jpeg_quality),
+        layout=TRANSFORMS if options.layout == TRANSFORMS else COLMAP,
         jobs=min(options.jobs or cores, cores),
     )
     rule.check()

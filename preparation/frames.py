@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gsfw.datamanagers.images import read_header
@@ -49,7 +50,7 @@ def frames_of_videos(
         taken += _frames_of(video, name, share, place, journal, say)
     if len(videos) > 1 or photos:
         return tuple(taken)
-    return tuple(SourceImage(one.path.name, one.path, one.header, one.exif, "") for one in taken)
+    return tuple(replace(one, name=one.path.name, group="") for one in taken)
 
 
 def _names(paths: Sequence[Path], others: Collection[str]) -> list[str]:
@@ -90,5 +91,6 @@ def _frames_of(
     # Those that are there are kept, so this is quick where nothing is missing.
     files = write_frames(video, choice, folder)
     return [
-        SourceImage(f"{name}/{file.name}", file, read_header(file), Exif(), name) for file in files
+        SourceImage(f"{name}/{file.name}", file, read_header(file), Exif(), name, time)
+        for file, time in zip(files, choice.seconds, strict=True)
     ]

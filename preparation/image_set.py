@@ -24,6 +24,8 @@ class SourceImage:
     """EXIF data of the file; empty for frames of videos."""
     group: str = ""
     """The folder or the video it comes from; empty where there is only one."""
+    time: float | None = None
+    """Seconds from the first frame of its video; ``None`` for photos."""
 
 
 @dataclass(frozen=True)

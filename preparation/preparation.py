@@ -93,7 +93,7 @@ class Preparation:
         from gsfw.preparation.writing.data_set import write_data_set
         from gsfw.preparation.writing.written_files import is_all_there
 
-        place, rule = self._place, self._rule.output
+        place, rule, layout = self._place, self._rule.output, self._rule.layout
 
         def write() -> Document:
             from pycolmap import Reconstruction
@@ -101,12 +101,12 @@ class Preparation:
             if not mapping.models:
                 return {}
             model = Reconstruction(mapping.models[0])
-            written = write_data_set(model, images, place.path, rule, self._rule.jobs)
+            written = write_data_set(model, images, place.path, rule, self._rule.jobs, layout)
             return asdict(written)
 
         return self._journal.stage(
             "data set",
-            asdict(rule),
+            {**asdict(rule), "layout": layout},
             write,
             lambda: place.remove(place.images, place.sparse, place.report, place.sheet),
             lambda written: not mapping.models or is_all_there(place.path),

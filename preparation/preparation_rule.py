@@ -11,6 +11,7 @@ from gsfw.preparation.machines import Machines
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
 from gsfw.preparation.writing.image_output import OutputRule
+from gsfw.preparation.writing.written_files import COLMAP
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class PreparationRule:
     matching: MatchingRule = field(default_factory=MatchingRule)
     mapping: MappingRule = field(default_factory=MappingRule)
     output: OutputRule = field(default_factory=OutputRule)
+    layout: str = COLMAP
+    """Either ``COLMAP``, or ``TRANSFORMS``, which keeps the times of frames of videos."""
     jobs: int = 1
     """Number of cores. With one the same images give the same bits; with more, poses
     differ in their last digits."""

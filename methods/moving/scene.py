@@ -18,8 +18,8 @@ def check_times(scene: Scene, method: str) -> None:
         raise ConfigError(
             f"method {method!r} is for captures of several times, and {scene.name!r} has one.",
             "Use method=3dgs. If the scene does move, its data have to say when each image "
-            'was taken, such as by "time" in every frame of a transforms.json. '
-            "The built-in scene moves with datamanager.moving=true.",
+            'was taken, such as by "time" in every frame of a transforms.json; gsfw prepare VIDEO '
+            "layout=transforms writes one. The built-in scene moves with datamanager.moving=true.",
         )
 
 

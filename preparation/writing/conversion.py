@@ -22,13 +22,15 @@ from gsfw.preparation.writing.converted_frame import FrameTask, tasks_of
 from gsfw.preparation.writing.image_output import OutputRule
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
 from gsfw.preparation.writing.written_files import (
+    COLMAP,
+    TRANSFORMS,
     WrittenDataSet,
     check_sources_stay,
     place_model,
     start_over,
 )
 
-LAYOUTS = ("auto", "colmap", "transforms")
+LAYOUTS = ("auto", COLMAP, TRANSFORMS)
 AS_GIVEN = OutputRule("keep")
 
 
@@ -58,7 +60,7 @@ class ConversionRule:
         if self.layout != "auto":
             return self.layout
         needs_more = any(frame.time is not None or DEPTH in frame.maps for frame in frames)
-        return "transforms" if needs_more else "colmap"
+        return TRANSFORMS if needs_more else COLMAP
 
 
 def convert(recording: Recording, out: Path, rule: ConversionRule, jobs: int = 1) -> WrittenDataSet:
@@ -77,7 +79,7 @@ def convert(recording: Recording, out: Path, rule: ConversionRule, jobs: int = 1
     by_name = sorted(recording.frames, key=lambda frame: frame.name)
     frames, _ = find_masks(recording, by_name, rule.masks)
     layout = rule.layout_of(frames)
-    tasks = tasks_of(frames, rule.masks, rule.output.lens == "keep", layout == "transforms")
+    tasks = tasks_of(frames, rule.masks, rule.output.lens == "keep", layout == TRANSFORMS)
     names = [name for task in tasks for name in task.files.values()]
     check_sources_stay([path for task in tasks for path in task.sources], [out / n for n in names])
     start_over(out, [*names, FILE, POINTS_FILE, SPLIT_LIST])
@@ -127,7 +129,7 @@ def _made(task: FrameTask, maps: MapCache, quality: int) -> dict[str, bytes]:
 
 
 def _write_cameras(written: Recording, layout: str, out: Path) -> int:
-    if layout == "transforms":
+    if layout == TRANSFORMS:
         return write_transforms(written, out)
     write = partial(write_model, written, image_root=out / "images")
     size = place_model(write, len(written.frames), len(written.points), out)

@@ -9,13 +9,13 @@ from gsfw.core.datamanager import Split
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.frames import Recording
 from gsfw.datamanagers.map_file import DEPTH
-from gsfw.preparation.writing.written_files import MODEL_FOLDER
+from gsfw.preparation.writing.written_files import COLMAP, MODEL_FOLDER, TRANSFORMS
 
 SPLIT_LIST = f"{MODEL_FOLDER}/test.txt"
 """Names of held-out images, one a line, as the code of Kerbl et al. 2023 reads them."""
 LISTED = 5
 """Held-out images that are spelled out; more are left to a command that reads the list."""
-UP = {"colmap": "-y", "transforms": "z"}
+UP = {COLMAP: "-y", TRANSFORMS: "z"}
 """The direction that readers of the layouts take to be up."""
 
 
@@ -45,7 +45,7 @@ def conversion_notes(
         layout: colmap or transforms.
         out: the written data set.
     """
-    own = _of_colmap(recording, written, out) if layout == "colmap" else _of_transforms(recording)
+    own = _of_colmap(recording, written, out) if layout == COLMAP else _of_transforms(recording)
     return (*_of_both(recording, layout), *own)
 
 

@@ -1,4 +1,4 @@
-"""Data sets of estimated cameras: images in images/, and a COLMAP model of them in sparse/0."""
+"""Data sets of estimated cameras: images in images/, and a file of cameras in either layout."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
 from gsfw.datamanagers.images import decode
 from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.image_file import unique_names, with_right_suffix
 from gsfw.preparation.image_set import ImageSet, SourceImage
@@ -33,10 +34,13 @@ from gsfw.preparation.writing.moved_model import (
     lens_of_camera,
     moved_model,
 )
+from gsfw.preparation.writing.timed_cameras import model_to_transforms
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
 from gsfw.preparation.writing.written_files import (
+    COLMAP,
     IMAGES,
     MASKS,
+    TRANSFORMS,
     WrittenDataSet,
     check_sources_stay,
     place_model,
@@ -80,26 +84,26 @@ def write_data_set(
     out: Path,
     rule: OutputRule,
     jobs: int = 1,
+    layout: str = COLMAP,
 ) -> WrittenDataSet:
-    """Write images and model; the model comes last, so that with it a data set is complete.
+    """Write images and cameras; these come last, so that with them a data set is complete.
 
-    All images are written by every run, whatever an interrupted one has left: all have to be
-    decoded for the colours of points, and none of another estimate can stay.
+    Every run writes all images: points get their colours, and none of another estimate stays.
 
     Args:
         model: estimated cameras and points; only registered images are written.
         images: holds every image of the model, by name.
-        out: the folder that images/, masks/ (where a lens did not see a whole image) and sparse/0
-            are written to.
+        out: the folder of images/, masks/ (where a lens did not see a whole image) and cameras.
         rule: what becomes of lenses and files.
         jobs: how many images are worked on at a time, where memory allows it.
+        layout: ``COLMAP`` or ``TRANSFORMS``.
 
     Raises:
         DataError: a lens cannot be undistorted.
         OutputError: something cannot be written, or would be written over what is read.
     """
     tasks = _tasks(model, images, rule)
-    _make_room(tasks, out)
+    _make_room(tasks, out, layout)
     colors = _MeanColors(model)
     size = 0
     with (
@@ -120,8 +124,10 @@ def write_data_set(
         {task.number: task.seen for task in tasks},
         colors.result(),
     )
-    size += place_model(moved.write_binary, len(tasks), moved.num_points3D(), out)
-    return _written(model, moved, tasks, size)
+    cameras = place_model(moved.write_binary, len(tasks), moved.num_points3D(), out)
+    if layout == TRANSFORMS:
+        cameras = model_to_transforms(out, _times(tasks))
+    return _written(model, moved, tasks, size + cameras, layout)
 
 
 def _plan(lens: Lens, keep: bool) -> CameraPlan:
@@ -135,9 +141,17 @@ def _plan(lens: Lens, keep: bool) -> CameraPlan:
         ) from error
 
 
-def _make_room(tasks: Sequence[_Task], out: Path) -> None:
+def _times(tasks: Sequence[_Task]) -> dict[str, float]:
+    """Seconds by name of the image; none where a photo, which has no time, is among them."""
+    times = {task.name: task.image.time for task in tasks}
+    found = {name: time for name, time in times.items() if time is not None}
+    return found if len(found) == len(tasks) else {}
+
+
+def _make_room(tasks: Sequence[_Task], out: Path, layout: str) -> None:
     """Check that nothing is in the way that is read, and remove what an earlier run has left."""
     targets = [f"{IMAGES}/{task.name}" for task in tasks]
+    targets += [FILE, POINTS_FILE] if layout == TRANSFORMS else []
     check_sources_stay([task.image.path for task in tasks], [out / name for name in targets])
     start_over(out, [*targets, *(f"{MASKS}/{task.name}.png" for task in tasks if task.has_mask)])
 
@@ -233,15 +247,15 @@ def _is_turned(change: ImageChange) -> bool:
 
 
 def _written(
-    model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task], size: int
+    model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task], size: int, layout: str
 ) -> WrittenDataSet:
     return WrittenDataSet.of(
-        "colmap",
+        layout,
         [task.change.plan for task in tasks],
         masks=sum(task.has_mask for task in tasks),
         points=moved.num_points3D(),
         size=size,
-        notes=_notes(model, moved, tasks),
+        notes=(*_notes(model, moved, tasks), *_notes_on_times(tasks, layout)),
     )
 
 
@@ -261,3 +275,18 @@ def _notes(model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task])
     lost = model.num_points3D() - moved.num_points3D()
     if lost:
         yield f"{lost} points, which fewer than two undistorted images show, are left out"
+
+
+def _notes_on_times(tasks: Sequence[_Task], layout: str) -> Iterator[str]:
+    videos = {task.image.group for task in tasks if task.image.time is not None}
+    if layout == COLMAP:
+        if _times(tasks):
+            yield "if the scene moves, layout=transforms keeps the time of each frame for training"
+    elif not _times(tasks):
+        beside = ", and frames of videos beside them lose theirs" if videos else ""
+        yield f"photos have no times{beside}: methods for moving scenes need frames of videos alone"
+    elif len(videos) > 1:
+        yield (
+            f"the times of {len(videos)} videos are seconds from the first image of each: motion "
+            "fits together only if all of them began at the same moment"
+        )

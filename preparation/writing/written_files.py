@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -11,11 +12,14 @@ from gsfw.core.errors import DataError, OutputError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.colmap.reader import read_model
+from gsfw.datamanagers.transforms_writer import FILE
 from gsfw.preparation.writing.camera_plan import CameraPlan, lens_words
 
 LIST = "work/written.txt"
 """Names of written files, relative to the data set."""
 IMAGES, MASKS = "images", "masks"
+COLMAP, TRANSFORMS = "colmap", "transforms"
+"""Layouts of data sets."""
 MODEL_FOLDER = "sparse/0"
 PARTS = ("rigs.bin", "frames.bin", "images.bin", "points3D.bin", "cameras.bin")
 """Files of a model; the last is the one that readers look for. The first two came with COLMAP 4."""
@@ -33,21 +37,28 @@ def start_over(out: Path, names: Sequence[str]) -> None:
     """
     file = out / LIST
     with readable_write_errors(out):
-        for part in reversed(PARTS):
-            (out / MODEL_FOLDER / part).unlink(missing_ok=True)
+        remove_model(out)
         for path in filter(is_file, _listed(out)):
             path.unlink()
     write_atomically(file, "".join(f"{name}\n" for name in names).encode())
 
 
+def remove_model(out: Path) -> None:
+    """Remove the COLMAP model, its cameras first, and its folders where nothing else is in them."""
+    folder = out / MODEL_FOLDER
+    for part in reversed(PARTS):
+        (folder / part).unlink(missing_ok=True)
+    for empty in (folder, folder.parent):
+        with suppress(OSError):
+            empty.rmdir()
+
+
 def is_all_there(out: Path) -> bool:
-    """True if the model and all files that the last run wrote are still there."""
-    file = out / LIST
-    return (
-        all((out / MODEL_FOLDER / part).is_file() for part in PARTS[2:])
-        and file.is_file()
-        and all(is_file(path) for path in _listed(out))
-    )
+    """True if the cameras and all files that the last run wrote are still there."""
+    listed = _listed(out)
+    model = [out / MODEL_FOLDER / part for part in PARTS[2:]]
+    cameras = [] if out / FILE in listed else model
+    return bool(listed) and all(is_file(path) for path in (*listed, *cameras))
 
 
 def _listed(out: Path) -> list[Path]:

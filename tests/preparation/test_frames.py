@@ -56,3 +56,15 @@ def test_videos_of_one_name_on_some_disk_have_folders_of_their_own(taken):
 
 def test_a_name_that_is_no_folder_is_replaced(taken):
     assert taken("...mp4", "a\nb.mp4")[0] == {"video", "a_b"}
+
+
+def test_frames_have_their_times_in_the_video(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 255, (48, 96, 3), np.uint8)
+    video = write_video(
+        tmp_path / "walk.mp4", 6, 64, 48, 10, draw=lambda number, *_: noise[:, number : number + 64]
+    )
+    place = Workspace(tmp_path / "out")
+    frames = frames_of_videos([video], 6, [], place, Journal(place.journal), lambda text: None)
+    assert len(frames) > 2
+    for frame in frames:
+        assert frame.time == pytest.approx(int(frame.path.stem) / 10)
