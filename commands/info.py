@@ -109,6 +109,8 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
     from gsfw.datamanagers.description import describe_data, fitting_downscale
     from gsfw.plugins.automatic import Choice, choose_datamanager
     from gsfw.plugins.loading import load
+    from gsfw.preparation.check.plan import suited_methods
+    from gsfw.preparation.check.viewpoints import Viewpoints
 
     form, downscale = options.format, options.downscale
     is_given = form != AUTO
@@ -117,7 +119,7 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
     request = DataRequest(local_place(data) if data else None, downscale=downscale)
     with closing(kind().build(request)) as manager:
         fitting = fitting_downscale(manager, downscale)
-        words = ["gsfw", "train", "method=3dgs"]
+        words = ["gsfw", "train", f"method={suited_methods(Viewpoints.of(manager))[0]}"]
         words += [f"data={data}"] if data else []
         words += [f"datamanager={form}"] if is_given else []
         words += [f"downscale={fitting:g}"] if fitting > 1 else []

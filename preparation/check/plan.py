@@ -10,6 +10,7 @@ from gsfw.core.config import AUTO, MethodConfig
 from gsfw.core.random_start import random_count
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.time_findings import SEVERAL, cameras_at_times
+from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.finding import Finding
 
 LONG_SIDE, SHORT_ENOUGH = 1600, 800
@@ -49,7 +50,8 @@ class Plan:
             config: settings that were given, or their defaults.
             method: the one that was asked for; empty to choose.
         """
-        suited = _methods(survey)
+        masked = any(image.valid < 1 for image in survey.sample.images)
+        suited = suited_methods(survey.viewpoints, masked)
         downscale = _downscale(survey, config)
         changes = {"downscale": f"{downscale:g}"} if downscale > 1 else {}
         background = plain_background(survey)
@@ -106,12 +108,17 @@ def plain_background(survey: Survey) -> str:
     return ""
 
 
-def _methods(survey: Survey) -> tuple[str, ...]:
-    if survey.scene.num_times < 2:
+def suited_methods(viewpoints: Viewpoints, masked: bool = False) -> tuple[str, ...]:
+    """The methods that suit a capture, the suggested one first.
+
+    Args:
+        viewpoints: all views.
+        masked: True if masks leave pixels of images out.
+    """
+    if viewpoints.times is None:
         return ("3dgs",)
-    if cameras_at_times(survey) < SEVERAL:
+    if cameras_at_times(viewpoints) < SEVERAL:
         return ("4dgs", "4d-rotor", "spacetime")
-    masked = any(image.valid < 1 for image in survey.sample.images)
     return ("spacetime", "4d-rotor", "4dgs", *(() if masked else ("dynamic3dgs",)))
 
 

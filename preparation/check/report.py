@@ -89,7 +89,7 @@ def _times(survey: Survey) -> dict[str, Any]:
     return {
         "times": survey.scene.num_times,
         "time_range": list(survey.scene.time_range or ()),
-        "cameras_at_each_time": cameras_at_times(survey),
+        "cameras_at_each_time": cameras_at_times(survey.viewpoints),
         "still_share": None if share is None else round(share, 3),
     }
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.finding import Finding, Weight
 
 FEW_TIMES = 5
@@ -22,12 +23,12 @@ SEVERAL = 3
 """Cameras at each time from which on ``dynamic3dgs`` can follow in depth."""
 
 
-def cameras_at_times(survey: Survey) -> float:
+def cameras_at_times(viewpoints: Viewpoints) -> float:
     """Median number of trained views at each time; 0 for a static capture."""
-    times = survey.viewpoints.times
+    times = viewpoints.times
     if times is None:
         return 0.0
-    _, counts = np.unique(times[survey.viewpoints.trained], return_counts=True)
+    _, counts = np.unique(times[viewpoints.trained], return_counts=True)
     return float(np.median(counts)) if len(counts) else 0.0
 
 
@@ -53,6 +54,7 @@ def time_findings(survey: Survey) -> Iterator[Finding]:
         return
     yield from _order(survey)
     yield from _number(survey)
+    yield from _held_out(survey)
     yield from _cameras(survey)
     yield from _motion(survey)
 
@@ -99,13 +101,34 @@ def _number(survey: Survey) -> Iterator[Finding]:
         )
 
 
+def _held_out(survey: Survey) -> Iterator[Finding]:
+    """Held-out views beyond the first or the last trained time, by more than a gap."""
+    times, trained = survey.viewpoints.times, survey.viewpoints.trained
+    assert times is not None
+    held, shown = times[~trained], np.unique(times[trained])
+    slack = max(GAP * float(np.median(np.diff(shown))) if len(shown) > 1 else 0.0, GAP_PART)
+    beyond = held[(held < shown[0] - slack) | (held > shown[-1] + slack)]
+    if len(beyond) == 0:
+        return
+    ends = (beyond.min(), beyond.max(), shown[0], shown[-1])
+    first, last, begin, end = (f"{_data_time(survey, time):.4g}" for time in ends)
+    yield Finding(
+        "held-out times not trained",
+        Weight.LIMIT,
+        f"{len(beyond)} of {len(held)} held-out views are at times from {first} to {last}; the "
+        f"trained ones are from {begin} to {end}.",
+        "No trained image shows what happens then, so their PSNR does not rate the model.",
+        "Do all splits count time from the same moment? Else name other views: holdout=NAME,...",
+    )
+
+
 def _data_time(survey: Survey, time: float) -> float:
     first, last = survey.scene.time_range or (0.0, 1.0)
     return first + float(time) * (last - first)
 
 
 def _cameras(survey: Survey) -> Iterator[Finding]:
-    count = cameras_at_times(survey)
+    count = cameras_at_times(survey.viewpoints)
     if count < 2:
         yield Finding(
             "one camera at each time",

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 import torch
+from support.checked_captures import write_moving
 from support.scenes import random_splats
 
 from gsfw.commands.main import main
@@ -105,6 +106,12 @@ def test_the_built_in_scene_is_described(capsys):
     assert found["decoded_mb"] == pytest.approx(count * width * height * 4 / 1e6, abs=0.05)
     assert found["decoded_fits_cache"]
     assert found["next"] == "gsfw train method=3dgs datamanager=synthetic downscale=4"
+
+
+@pytest.mark.parametrize(("cameras", "method"), [(1, "4dgs"), (4, "spacetime")])
+def test_the_next_command_has_a_method_that_takes_times(cameras, method, tmp_path, capsys):
+    path = write_moving(tmp_path / "moving", [0.0, 0.25, 0.5, 0.75, 1.0], cameras)
+    assert document(capsys, f"data={path}")["next"] == f"gsfw train method={method} data={path}"
 
 
 def test_a_data_set_is_described_with_why_its_format_was_chosen(shared_data, capsys):

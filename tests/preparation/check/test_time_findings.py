@@ -1,8 +1,10 @@
 """What times show."""
 
 import json
+import shutil
 
 import numpy as np
+import pytest
 from support.checked_captures import moving_findings, write_moving
 
 from gsfw.preparation.finding import Weight
@@ -14,6 +16,7 @@ KINDS = {
     "one camera at each time",
     "two cameras at each time",
     "hardly anything moves",
+    "held-out times not trained",
 }
 
 
@@ -57,3 +60,25 @@ def test_times_that_belong_to_other_images_are_told(tmp_path):
     file.write_text(json.dumps(document))
     found = moving_findings(folder)["times out of order"]
     assert found.weight is Weight.STOP
+
+
+@pytest.mark.parametrize(("start", "found"), [(0.0, False), (1.0, True)])
+def test_held_out_views_beyond_the_trained_times_are_told(start, found, tmp_path):
+    folder = write_moving(tmp_path / "a", EVEN, 4)
+    held = json.loads((folder / "transforms_train.json").read_text())
+    held["frames"] = [
+        {**frame, "time": frame["time"] + start} for frame in held["frames"] if frame["time"] < 0.5
+    ]
+    (folder / "test").mkdir()
+    for frame in held["frames"]:
+        name = frame["file_path"].replace("train", "test")
+        shutil.copy(folder / f"{frame['file_path']}.png", folder / f"{name}.png")
+        frame["file_path"] = name
+    (folder / "transforms_test.json").write_text(json.dumps(held))
+    findings = moving_findings(folder)
+    assert ("held-out times not trained" in findings) == found
+    if found:
+        assert findings["held-out times not trained"].found == (
+            "4 of 16 held-out views are at times from 1.429 to 1.429; the trained ones are from "
+            "0 to 1."
+        )
