@@ -59,7 +59,7 @@ class PrepareOptions(CpuExecutionOptions):
     """Folders of images, videos; or one data set that already has cameras."""
     out: str = ""
     """Folder of the result: new, or that of an earlier gsfw prepare. Empty: prepared/INPUT."""
-    frames: int = 150
+    frames: int = number(150, at_least=3)
     """Number of sharp, well-spaced frames to take from all videos together."""
     poses: Literal["auto", "compute", "keep"] = "auto"
     """Compute new cameras, keep those of the data set, or auto: keep them if there are any."""
@@ -77,9 +77,9 @@ class PrepareOptions(CpuExecutionOptions):
     """Also find the finest features, in three times the time; none: if photos stay unused."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
     """Pairs of images to match: all pairs, neighbours in time, or similar images."""
-    exhaustive_up_to: int = 200
+    exhaustive_up_to: int = number(200, at_least=0)
     """Number of photos up to which matching=auto compares all pairs."""
-    overlap: int = 10
+    overlap: int = number(10, at_least=1)
     """Neighbours in time that sequential compares with each frame."""
     vocabulary: str = ""
     """A COLMAP vocabulary tree for retrieval. Empty: made from the images themselves."""
@@ -91,7 +91,7 @@ class PrepareOptions(CpuExecutionOptions):
     """Compute principal points, or keep the middle of the image."""
     lens: Literal["pinhole", "keep"] = "pinhole"
     """Undistort images to PINHOLE cameras, or keep files and lenses."""
-    jpeg_quality: int = 95
+    jpeg_quality: int = number(95, at_least=1, at_most=100)
     """Quality of JPEG files that are encoded again."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
     """colmap, transforms (keeps times of a video's frames, for scenes that move), or auto:

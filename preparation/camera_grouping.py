@@ -9,14 +9,12 @@ import math
 import statistics
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.lens import COEFFICIENTS
 from gsfw.preparation.image_set import ImageSet, SourceImage
-
-ONE, PER_FOLDER, PER_IMAGE = "one", "per-folder", "per-image"
-"""Ways to group the images that share a camera, besides ``auto``."""
 
 FEW = 20
 """Groups of fewer images get the simpler model. COLMAP's documentation advises OPENCV where
@@ -36,8 +34,8 @@ USUAL_FOCAL = 1.2
 class CameraRule:
     """The user's choices about cameras."""
 
-    cameras: str = AUTO
-    """The images that share one: auto (by EXIF and size), one, per-folder or per-image."""
+    cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
+    """The images that share one; auto: by EXIF and size."""
     model: str = AUTO
     """One of COLMAP's camera models, or auto: never one for fisheye lenses."""
     focal: float | None = None
@@ -49,9 +47,6 @@ class CameraRule:
         Raises:
             ConfigError: one is not allowed.
         """
-        kinds = (AUTO, ONE, PER_FOLDER, PER_IMAGE)
-        if self.cameras not in kinds:
-            raise ConfigError(f"cameras={self.cameras}: expected one of {', '.join(kinds)}.")
         if self.model != AUTO and self.model.upper() not in COEFFICIENTS:
             raise ConfigError(
                 f"camera_model={self.model}: there is no such camera model.",
@@ -78,11 +73,11 @@ def group_cameras(images: ImageSet, rule: CameraRule) -> tuple[CameraGroup, ...]
 
 def _camera(image: SourceImage, cameras: str) -> Hashable:
     """Equal for images that share a camera."""
-    if cameras == ONE:
+    if cameras == "one":
         return ""
-    if cameras == PER_FOLDER:
+    if cameras == "per-folder":
         return image.group
-    if cameras == PER_IMAGE:
+    if cameras == "per-image":
         return image.name
     # Upright and sideways photos of one phone come from one sensor, but a model describes upright
     # images: its width, height and principal point are others once the image is turned.
@@ -99,7 +94,7 @@ def _check_one_size(shared: Sequence[SourceImage], rule: CameraRule) -> None:
     if len(names) == 1:
         return
     sizes = ", ".join(f"{size} ({_counted(found)})" for size, found in names.items())
-    which = f" in {shared[0].group}" if rule.cameras == PER_FOLDER and shared[0].group else ""
+    which = f" in {shared[0].group}" if rule.cameras == "per-folder" and shared[0].group else ""
     raise ConfigError(
         f"cameras={rule.cameras}: the images{which} have several sizes: {sizes}.",
         "One camera has one size, and upright and sideways photos count as two. Use cameras=auto, "

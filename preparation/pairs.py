@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from typing import Literal
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.image_set import ImageSet, SourceImage
@@ -16,7 +17,6 @@ from gsfw.preparation.retrieval import look_alikes
 
 Likeness = Mapping[str, Sequence[str]]
 """For each image the others, the most alike first."""
-CHOICES = ("auto", "exhaustive", "sequential", "retrieval")
 ELSEWHERE = 10
 """Look-alikes of a frame that are not its neighbours in time, and those in other folders."""
 
@@ -35,9 +35,8 @@ class PairPlan:
 class MatchingRule:
     """The pairs of images that are compared."""
 
-    matching: str = "auto"
-    """auto, exhaustive (all pairs), sequential (neighbours in time, and look-alikes), or retrieval
-    (look-alikes)."""
+    matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
+    """All pairs, neighbours in time and look-alikes, look-alikes alone; auto: as images ask for."""
     exhaustive_up_to: int = 200
     """Photos of which all pairs are compared, where ``matching`` is auto."""
     overlap: int = 10
@@ -48,17 +47,11 @@ class MatchingRule:
     """A vocabulary tree of COLMAP to find look-alikes by; ``None`` to build one of the images."""
 
     def check(self) -> None:
-        """Check the values.
+        """Check that the vocabulary exists.
 
         Raises:
-            ConfigError: one of them makes no sense.
+            ConfigError: it does not.
         """
-        if self.matching not in CHOICES:
-            raise ConfigError(f"matching={self.matching}: expected one of {', '.join(CHOICES)}.")
-        least = {"exhaustive_up_to": 0, "overlap": 1, "neighbors": 1}
-        for name, minimum in least.items():
-            if getattr(self, name) < minimum:
-                raise ConfigError(f"{name}={getattr(self, name)}: expected at least {minimum}.")
         if self.vocabulary is not None and not self.vocabulary.is_file():
             raise ConfigError(
                 f"vocabulary={self.vocabulary}: there is no such file.",

@@ -93,11 +93,9 @@ def map_cameras(database: Path, folder: Path, rule: MappingRule) -> Mapping:
         The models; none, without an error, where nothing can be reconstructed.
 
     Raises:
-        ConfigError: the rule makes no sense.
         DataError: there is no such database, or COLMAP failed on it.
         OutputError: the folder cannot be written to.
     """
-    rule.check()
     start = time.perf_counter()
     total = count_images(database)
     with _trial(folder, database) as trial, stage("cameras", total) as advance:
@@ -134,13 +132,12 @@ def continue_mapping(
         The new models; of the same images as the old where nothing could be added.
 
     Raises:
-        ConfigError, DataError, OutputError: as for ``map_cameras``.
+        DataError, OutputError: as for ``map_cameras``.
     """
     from pycolmap import Reconstruction
 
     if not mapping.models:
         return map_cameras(database, folder, rule)
-    rule.check()
     began = time.perf_counter()
     total = count_images(database)
     with _trial(folder, database) as trial, stage("cameras", total) as advance:

@@ -7,8 +7,8 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
-from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
 from gsfw.datamanagers.colmap.writer import write_model
@@ -30,7 +30,6 @@ from gsfw.preparation.writing.written_files import (
     start_over,
 )
 
-LAYOUTS = ("auto", COLMAP, TRANSFORMS)
 AS_GIVEN = OutputRule("keep")
 
 
@@ -38,22 +37,12 @@ AS_GIVEN = OutputRule("keep")
 class ConversionRule:
     """The target of a conversion."""
 
-    layout: str = "auto"
+    layout: Literal["auto", "colmap", "transforms"] = "auto"
     """colmap, transforms, or auto: transforms where there are times or depths, else colmap."""
     output: OutputRule = AS_GIVEN
     """Treatment of lenses and images."""
     masks: MaskRule = USUAL_MASKS
     """The masks of the data; written masks are bright where pixels count."""
-
-    def check(self) -> None:
-        """Check the values.
-
-        Raises:
-            ConfigError: one of them makes no sense.
-        """
-        self.output.check()
-        if self.layout not in LAYOUTS:
-            raise ConfigError(f"layout={self.layout}: expected one of {', '.join(LAYOUTS)}.")
 
     def layout_of(self, frames: Sequence[Frame]) -> str:
         """Either colmap or transforms."""

@@ -6,13 +6,13 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image
 from PIL.ExifTags import Base
 
-from gsfw.core.errors import ConfigError
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import FORMATS, Header, fit_image
 from gsfw.datamanagers.warp import MapCache, Warp
@@ -24,7 +24,6 @@ FORMAT_OF_VIDEOS = "JPEG"
 """Output format of their images, which are lossy already."""
 LONGEST_EXIF = 65_000
 """Bytes; a JPEG has room for 65,533."""
-LENSES = ("pinhole", "keep")
 
 
 @dataclass(frozen=True)
@@ -155,18 +154,7 @@ def _exif(image: Image.Image) -> bytes:
 class OutputRule:
     """The user's choices."""
 
-    lens: str = "pinhole"
-    """pinhole (images are undistorted to PINHOLE), or keep (lenses and files stay)."""
+    lens: Literal["pinhole", "keep"] = "pinhole"
+    """Images are undistorted to PINHOLE, or lenses and files stay."""
     jpeg_quality: int = 95
     """Quality of JPEG files that are encoded anew."""
-
-    def check(self) -> None:
-        """Check the values.
-
-        Raises:
-            ConfigError: one of them makes no sense.
-        """
-        if self.lens not in LENSES:
-            raise ConfigError(f"lens={self.lens}: expected one of {', '.join(LENSES)}.")
-        if not 1 <= self.jpeg_quality <= 100:
-            raise ConfigError(f"jpeg_quality={self.jpeg_quality}: expected a number from 1 to 100.")

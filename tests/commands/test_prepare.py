@@ -350,7 +350,7 @@ def test_mistakes_are_told_in_a_sentence(tmp_path, capsys):
     photos = tmp_path / "photos"
     assert "photos" in told(capsys, photos, out)
     assert not (tmp_path / "out").exists(), "nothing is written before an input is accepted"
-    assert "frames=2: expected at least 3." in told(capsys, photos, out, "frames=2")
+    assert "frames=2: expected a number of at least 3." in told(capsys, photos, out, "frames=2")
     assert "features=5: expected 50 to 32768." in told(capsys, photos, out, "features=5")
     assert "gsfw prepare: an INPUT is empty." in told(capsys, "", out)
     assert "jobs=-1: expected a number of at least 0." in told(capsys, photos, out, "jobs=-1")

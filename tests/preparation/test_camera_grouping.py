@@ -140,12 +140,6 @@ def test_where_images_disagree_the_median_focal_length_is_taken():
     assert group.focal == pytest.approx(26 / 43.27 * 50)
 
 
-def test_other_ways_to_share_are_refused():
-    with pytest.raises(ConfigError) as caught:
-        CameraRule(cameras="two").check()
-    assert str(caught.value) == ("cameras=two: expected one of auto, one, per-folder, per-image.")
-
-
 def test_other_models_are_refused():
     with pytest.raises(ConfigError) as caught:
         groups(image("a"), model="EQUIRECTANGULAR")

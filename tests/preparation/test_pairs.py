@@ -134,24 +134,10 @@ def test_look_alikes_join_two_videos(tmp_path, nearest_by_number):
     assert "10 most alike elsewhere and 10 of other videos or folders, by a" in plan.how
 
 
-@pytest.mark.parametrize(
-    ("rule", "message"),
-    [
-        (
-            MatchingRule("some"),
-            "matching=some: expected one of auto, exhaustive, sequential, retrieval.",
-        ),
-        (MatchingRule(overlap=0), "overlap=0: expected at least 1."),
-        (MatchingRule(neighbors=0), "neighbors=0: expected at least 1."),
-        (MatchingRule(exhaustive_up_to=-1), "exhaustive_up_to=-1: expected at least 0."),
-        (
-            MatchingRule(vocabulary=Path("words.bin")),
-            "vocabulary=words.bin: there is no such file.\n"
-            "Leave it out to build a vocabulary of the images themselves.",
-        ),
-    ],
-)
-def test_rules_that_make_no_sense_are_refused(rule, message):
+def test_a_missing_vocabulary_is_refused():
     with pytest.raises(ConfigError) as caught:
-        rule.check()
-    assert str(caught.value) == message
+        MatchingRule(vocabulary=Path("words.bin")).check()
+    assert str(caught.value) == (
+        "vocabulary=words.bin: there is no such file.\n"
+        "Leave it out to build a vocabulary of the images themselves."
+    )

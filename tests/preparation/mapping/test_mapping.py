@@ -11,7 +11,7 @@ import pytest
 from support import captured
 from support.matched_captures import MatchedCapture, matched_capture, pose_errors
 
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import DataError
 from gsfw.core.progress import Advance, shown_by
 from gsfw.preparation.mapping.incremental_mapping import LEAST_POINTS, solid
 from gsfw.preparation.mapping.mapping import Mapping, continue_mapping, map_cameras
@@ -267,15 +267,6 @@ def test_a_mapping_survives_as_plain_data_in_a_folder_that_moved() -> None:
     document = json.loads(json.dumps(mapping.document()))
     moved = Mapping((Path("b/0"), Path("b/1")), (7, 4), 1, 2.5, "somehow")
     assert Mapping.of(document, Path("b")) == moved
-
-
-def test_rules_that_make_no_sense_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as unknown:
-        map_cameras(tmp_path, tmp_path, MappingRule(mapper="magic"))
-    assert str(unknown.value) == ("mapper=magic: expected one of incremental, global.")
-    with pytest.raises(ConfigError) as idle:
-        MappingRule(jobs=0).check()
-    assert str(idle.value) == "jobs=0: expected at least 1."
 
 
 def test_a_missing_database_is_named_and_not_created(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from support.small_captures import (
 from support.small_videos import cameras
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import ConfigError, OutputError
+from gsfw.core.errors import OutputError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.llff import LlffConfig
 from gsfw.datamanagers.map_file import DEPTH
@@ -401,12 +401,6 @@ def test_images_are_never_written_over(tmp_path):
         "written over.\nChoose another place with out=DIR."
     )
     assert (tmp_path / "sparse/0/cameras.bin").is_file()
-
-
-def test_other_layouts_are_refused():
-    with pytest.raises(ConfigError) as error:
-        ConversionRule(layout="llff").check()
-    assert str(error.value) == "layout=llff: expected one of auto, colmap, transforms."
 
 
 def test_points_are_a_ply_that_other_programs_read(tmp_path):
