@@ -34,7 +34,7 @@ def cut(folder, **street):
     [
         ("data=elsewhere", "data is decided by the partition"),
         ("datamanager.points=4", "datamanager.points is decided by the partition"),
-        ("jobs=-1", "expected jobs"),
+        ("jobs=-1", "jobs=-1: expected a number of at least 0."),
         ("stepss=4", "stepss"),
         ("method=4dgs", "moves, and blocks are merged at rest"),
     ],
