@@ -127,18 +127,13 @@ def _block_document(block: Block) -> dict[str, Any]:
     }
 
 
-def partition_file(path: Path) -> Path:
-    """The file of a partition, which the user may have named by its folder."""
-    return path / FILE if path.is_dir() else path
-
-
 def read_partition(path: Path) -> Partition:
     """Read the file of a partition, or that in a folder.
 
     Raises:
         DataError: it is missing, damaged, or of a newer gsfw; names the place.
     """
-    path = partition_file(path)
+    path = path / FILE if path.is_dir() else path
     fields = JsonFields(path, "", _document(path), ANEW, "content")
     if fields.text("format") != FORMAT:
         raise fields.refuse("format", repr(FORMAT))

@@ -49,9 +49,9 @@ from gsfw.core.table import SplatTable
 from gsfw.core.team import Team
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
-from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
+from gsfw.plugins.data_fit import check_data, check_rasterizer
 from gsfw.plugins.dense_points import FoundSurface
-from gsfw.plugins.devices import unused_gpu
+from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.initial_splats import check_initial, read_initial
 from gsfw.plugins.loading import check_built, choose_operators, make_metrics
 from gsfw.plugins.memory_fit import MemoryFit
@@ -186,7 +186,7 @@ def check(settings: Settings, registry: Registry) -> None:
     """
     config = settings.config
     config.check()
-    device = settings_device(settings)
+    device = find_device(settings.config.device)
     needs = {
         f"{slot} {settings.choices[slot].name!r}": part.needs()
         for slot, part in (
@@ -245,7 +245,7 @@ def compose(
     if restoring and settings.config.init not in (AUTO, "points", "random"):
         settings = replace(settings, config=replace(settings.config, init=AUTO))
     check(settings, registry)
-    device = settings_device(settings)
+    device = find_device(settings.config.device)
     method = settings.config.build()
     check_built("method", settings.method, method, Method)
     method.registered_as = registered_as("method", settings.method)

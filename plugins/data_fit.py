@@ -14,15 +14,6 @@ from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 
 
-def settings_device(settings: Settings) -> torch.device:
-    """The device of the run's settings.
-
-    Raises:
-        ConfigError: there is no such device on this machine.
-    """
-    return find_device(settings.config.device)
-
-
 def check_rasterizer(
     settings: Settings, registry: Registry, needs: dict[str, Needs], device: torch.device
 ) -> None:
@@ -50,6 +41,6 @@ def check_data(settings: Settings, registry: Registry, data: DataManager, method
         )
     cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
     needs = Needs(camera_models=frozenset(camera.model for camera in cameras))
-    device = settings_device(settings)
+    device = find_device(settings.config.device)
     check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)

@@ -7,7 +7,7 @@ from gsfw.core.datamanager import DataManager, DataRequest
 from gsfw.core.files.mirror import MEGABYTE, local_place
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.progress import stage
-from gsfw.plugins.data_fit import settings_device
+from gsfw.plugins.devices import find_device
 from gsfw.plugins.memory_fit import usual_cache_mb
 from gsfw.plugins.settings import Settings
 
@@ -32,7 +32,7 @@ def open_data(settings: Settings, downscale: float | None = None) -> DataManager
         eval_by=HoldOutBy(config.holdout_by),
         eval_names=config.holdout,
         cache_megabytes=usual_cache_mb(settings),
-        gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
+        gpu_cache_megabytes=config.gpu_cache_mb if find_device(config.device).type != "cpu" else 0,
     )
     with stage(f"reading {config.data or 'the built-in scene'}"):
         return config.datamanager.build(request)

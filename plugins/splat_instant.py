@@ -12,20 +12,20 @@ from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import Registry
 
 
-def check_time(time: float, form: str = "", exporter: Exporter | None = None) -> None:
+def check_time(time: float, form: str, exporter: Exporter) -> None:
     """Check a time for the splats of a moving model or file.
 
     Args:
         time: as given; 0 for none.
-        form: name of the format that is to be written; empty if it is not known yet.
-        exporter: of the format; ``None`` if it is not known yet.
+        form: name of the format that is to be written.
+        exporter: of the format.
 
     Raises:
         ConfigError: it is out of range, or the format holds all times.
     """
     if not 0 <= time <= 1:
         raise ConfigError(f"time={time:g}: expected a time in [0, 1].")
-    if time and exporter is not None and exporter.holds not in (Holds.SPLATS, Holds.DEPTHS):
+    if time and exporter.holds not in (Holds.SPLATS, Holds.DEPTHS):
         raise ConfigError(
             f"time={time:g}: format {form} holds {exporter.holds.value}, at all times.",
             "Leave time out, or choose a format of splats at one time, such as ply.",

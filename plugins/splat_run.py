@@ -49,7 +49,7 @@ OUTSIDE = 0.02
 """Part of the Gaussians that may lie outside of the scene, on each side: they float far away."""
 
 
-def open_splats(path: Path, registry: Registry, changed: Layer | None = None) -> Restored:
+def open_splats(path: Path, registry: Registry, changed: Layer | None) -> Restored:
     """A run whose model has the splats of a file.
 
     Args:
@@ -65,7 +65,7 @@ def open_splats(path: Path, registry: Registry, changed: Layer | None = None) ->
 
 
 def run_of_splats(
-    content: SplatFile, path: Path, registry: Registry, changed: Layer | None = None
+    content: SplatFile, path: Path, registry: Registry, changed: Layer | None
 ) -> Restored:
     """A run whose model has splats that are in no file yet.
 

@@ -36,7 +36,7 @@ class MatchingRule:
     """The pairs of images that are compared."""
 
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
-    """All pairs, neighbours in time and look-alikes, look-alikes alone; auto: as images ask for."""
+    """All pairs (exhaustive), neighbours in time and look-alikes (sequential), or look-alikes."""
     exhaustive_up_to: int = 200
     """Photos of which all pairs are compared, where ``matching`` is auto."""
     overlap: int = 10

@@ -30,26 +30,19 @@ def fitted(image: Float[Tensor, "h w 3"], longest: int) -> UInt8[np.ndarray, "h2
 
 def webp(image: UInt8[np.ndarray, "h w 3"], at_most: int) -> bytes:
     """A still image in at most ``at_most`` bytes, smaller where no quality is low enough."""
-    return _smallest([image], 0, at_most)
+    return animated_webp([image], 0, at_most)
 
 
 def animated_webp(
     frames: Sequence[UInt8[np.ndarray, "h w 3"]], milliseconds: int, at_most: int
 ) -> bytes:
-    """Frames of one size as an endless film, in at most ``at_most`` bytes.
+    """Frames of one size as an endless film, of the best quality, then the largest size, that fits.
 
     Args:
         frames: at least one.
         milliseconds: how long each is shown.
         at_most: bytes of the file.
     """
-    return _smallest(frames, milliseconds, at_most)
-
-
-def _smallest(
-    frames: Sequence[UInt8[np.ndarray, "h w 3"]], milliseconds: int, at_most: int
-) -> bytes:
-    """The best quality, and then the largest size, that fits."""
     pictures = [Image.fromarray(np.ascontiguousarray(frame)) for frame in frames]
     while True:
         for quality in QUALITIES:

@@ -31,7 +31,7 @@ LEGEND_SEEDS = (
 )
 
 
-def figure_text(column: Column, line: Line, bold: bool = False) -> str:
+def figure_text(column: Column, line: Line, bold: bool) -> str:
     """A figure of a line, with its spread.
 
     Args:

@@ -64,14 +64,15 @@ def options_help(verb: str, kind: type[Options]) -> str:
     )
 
 
-def settings_help(verb: str, settings: Settings, registry: Registry, problem: str = "") -> str:
+def settings_help(verb: str, settings: Settings, registry: Registry, problem: str) -> str:
     """All keys of a method with the chosen parts, in groups, and the values of the run.
 
     Args:
         verb: the verb that takes them.
         settings: of the run.
         registry: what is installed.
-        problem: what is wrong with the given settings, where ``settings`` are not those.
+        problem: what is wrong with the given settings, where ``settings`` are not those; empty for
+            nothing.
     """
     from gsfw.plugins.keys import SLOT_KEYS, keys
     from gsfw.plugins.resolving import preset_names
