@@ -71,7 +71,7 @@ def run(arguments: list[str]) -> int:
         raise ConfigError(
             f"gsfw runs: {options.what!r} is neither {COMPARE} nor {REMOVE}."
             f"{did_you_mean(options.what, (COMPARE, REMOVE))}",
-            "Without either runs are listed: gsfw runs scene=NAME method=NAME state=finished.",
+            "To list runs: gsfw runs scene=NAME method=NAME state=finished.",
         )
     return _list(options, console)
 
@@ -89,7 +89,7 @@ def _list(options: RunsOptions, console: Console) -> int:
     if options.json:
         return 0
     if not records:
-        console.say(f"there are no runs: {RUNS.resolve()} holds none, and none elsewhere is known.")
+        console.say(f"there are no runs in {RUNS.resolve()}, and none elsewhere are known.")
         console.say("Train one: gsfw train method=3dgs")
     elif not chosen:
         scenes, methods = (
@@ -237,7 +237,7 @@ def _compare(options: RunsOptions, console: Console) -> int:
         chosen = [[key, *map(setting_text, comparison.settings[key])] for key in comparison.chosen]
         console.table(["setting", *letters], chosen)
     else:
-        console.say("no setting differs that somebody chose")
+        console.say("no chosen setting differs")
     _tell_others(comparison, letters, console)
     for reason in comparison.why_not(letters):
         console.warn(reason)

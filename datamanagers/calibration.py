@@ -67,7 +67,7 @@ def read_calibration(file: Path) -> list[CalibratedCamera]:
         cameras = [_opencv(name, entry, file) for name, entry in _entries(file).items()]
     if not cameras:
         raise DataError(
-            f"{file} holds no cameras.",
+            f"{file} contains no cameras.",
             'Expected {"cameras": [{"name", "w", "h", "K", "dist", "w2c"}, ...]}, OpenCV axes and '
             "pixels.",
         )

@@ -41,7 +41,7 @@ class CameraSequence:
         """Look at a video's packets, or at the names in a folder.
 
         Raises:
-            DataError: the video is damaged or its rate varies, or the folder holds no images.
+            DataError: the video is damaged or its rate varies, or the folder contains no images.
             UnavailableError: it is a video, and PyAV is not installed.
         """
         if is_video(path):
@@ -51,7 +51,7 @@ class CameraSequence:
         files = images_in(path)
         if not files:
             raise DataError(
-                f"{path}: the folder of camera {camera} holds no images.",
+                f"{path}: the folder of camera {camera} contains no images.",
                 "Put them there, or remove the camera.",
             )
         return CameraSequence(camera, path, None, tuple(files))

@@ -46,7 +46,7 @@ class ImageFolderConfig(CaptureConfig, ABC):
         Points of the format's ``own`` file, where it has any, come before an unnamed PLY file.
 
         Raises:
-            DataError: there is no file of the name that was given, or it holds no points.
+            DataError: there is no file of the name that was given, or it contains no points.
         """
         if self.points:
             file = root / self.points

@@ -95,7 +95,7 @@ class LlffConfig(ImageFolderConfig):
         found = _folders(root)
         if not found:
             raise DataError(
-                f"{root} holds no images: there is no images/ and no images_N/ with any.",
+                f"{root} contains no images: there is no images/ and no images_N/ with any.",
                 "Copy the folder images, too, or name it: datamanager.images=DIR.",
             )
         shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
@@ -104,7 +104,7 @@ class LlffConfig(ImageFolderConfig):
     def _recording(self, root: Path, images: Path, shrunk: int) -> Recording:
         file = root / FILE
         if not file.is_file():
-            raise DataError(f"{root} holds no {FILE}.", "Give the folder that does.")
+            raise DataError(f"{root} contains no {FILE}.", "Give the folder that does.")
         table = read_rows(file)
         files = _images_in(images)
         if len(files) != len(table):

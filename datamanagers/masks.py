@@ -103,7 +103,7 @@ def find_masks(
     """The frames with their masks, and what the user should know of them.
 
     Raises:
-        DataError: the named folder is missing, holds no mask of any image, a mask is damaged or
+        DataError: the named folder is missing, contains no mask of any image, a mask is damaged or
             of another size than its image, or every image is masked out as a whole.
     """
     if rule.source == ALPHA:
@@ -201,7 +201,7 @@ def _none_found(recording: Recording, rule: MaskRule) -> tuple[str, ...]:
             "Give the folder of the masks, relative to the data set.",
         )
     stray = stray_masks(recording, rule)
-    problem = f"{folder} holds no mask of any image"
+    problem = f"{folder} contains no mask of any image"
     if stray is not None:
         problem += f" (looked for {stray.looked_for}, in any image format; found {stray.found})"
     if rule.source == AUTO:

@@ -69,7 +69,7 @@ class MetashapeFile:
         chunks = list(root.iter("chunk"))
         if not chunks:
             raise DataError(
-                f"{file} holds no chunk.",
+                f"{file} contains no chunk.",
                 "Export the cameras in Metashape's own format (Agisoft XML).",
             )
         best = max(chunks, key=lambda chunk: len(list(chunk.iterfind(".//camera/transform"))))

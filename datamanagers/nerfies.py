@@ -64,7 +64,7 @@ def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
     }
     if not found:
         raise DataError(
-            f"{folder} holds no images: there is no rgb/1x, rgb/2x, ...",
+            f"{folder} contains no images: there is no rgb/1x, rgb/2x, ...",
             "Copy the folder rgb, too.",
         )
     shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
@@ -126,7 +126,7 @@ def _read(path: Path) -> Mapping[str, Any]:
             "Copy the file again; it may be missing or cut off.",
         ) from error
     if not isinstance(content, dict):
-        raise DataError(f"{path} holds no JSON object.", "Copy the file again.")
+        raise DataError(f"{path} contains no JSON object.", "Copy the file again.")
     return content
 
 

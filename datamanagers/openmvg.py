@@ -56,7 +56,7 @@ class OpenMvgConfig(ImageFolderConfig):
         if file is None:
             found = _binary(path)
             raise DataError(
-                f"{path} holds no {FILES[0]}" + (f"; found {found}." if found else "."),
+                f"{path} contains no {FILES[0]}" + (f"; found {found}." if found else "."),
                 "Give the folder that does, or the file.",
             )
         content = mapping(read_json(file), str(file))

@@ -108,7 +108,9 @@ class OpenSfmConfig(ImageFolderConfig):
         """Read the file and the headers of the images."""
         file = _file(path)
         if not file.is_file():
-            raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
+            raise DataError(
+                f"{path} contains no {FILE}.", "Give the folder that does, or the file."
+            )
         content, others = _largest(file)
         root = _root(file)
         images = self.image_folder(root)
@@ -159,7 +161,7 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
             mapping(mapping(entry, f"{file}: {index}").get(key), f"{file}: {key} of {index}")
     best = max(content, key=lambda entry: len(entry["shots"]))
     if not best["shots"]:
-        raise DataError(f"{file} holds no shots: OpenSfM has placed no camera.")
+        raise DataError(f"{file} contains no shots: OpenSfM has placed no camera.")
     if len(content) == 1:
         return best, ()
     left_out = sum(len(entry["shots"]) for entry in content) - len(best["shots"])

@@ -62,7 +62,7 @@ def _vertices(path: Path) -> tuple[Float64[np.ndarray, "p 3"], Float64[np.ndarra
     """Positions, and colours in [0, 1]; grey where the file has none.
 
     Raises:
-        DataError: the file is damaged, or holds no points.
+        DataError: the file is damaged, or contains no points.
     """
     header = read_ply_header(path)
     names = header.names("vertex")

@@ -60,7 +60,7 @@ class PolycamConfig(CaptureConfig):
         files = sorted(folder.glob("*.json")) if folder.is_dir() else []
         if not files:
             raise DataError(
-                f"{path} holds no {LOOKED_FOR}.",
+                f"{path} contains no {LOOKED_FOR}.",
                 "Export the capture from Polycam as raw data (developer mode).",
             )
         images = keyframes / folder.name.replace("cameras", "images")

@@ -68,7 +68,7 @@ class RealityCaptureConfig(ImageFolderConfig):
         images = self.image_folder(root)
         rows = list(_rows(file))
         if not rows:
-            raise DataError(f"{file} holds no cameras.", "Export the registration again.")
+            raise DataError(f"{file} contains no cameras.", "Export the registration again.")
         frames, missing = _frames(rows, images, file)
         (points, colors), point_note = self.start_points(root)
         return Recording(

@@ -91,7 +91,7 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         found = _calibrations(folder)
         if not found:
             raise DataError(
-                f"{folder} holds no calibration file; looked for {', '.join(PATTERNS)}.",
+                f"{folder} contains no calibration file; looked for {', '.join(PATTERNS)}.",
                 "Name it: datamanager.calibration=FILE.",
             )
         return found[0]

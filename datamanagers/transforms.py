@@ -42,7 +42,9 @@ class TransformsConfig(CaptureConfig):
         """Read the file, its points and the headers of the images."""
         file = _file(path)
         if not file.is_file():
-            raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
+            raise DataError(
+                f"{path} contains no {FILE}.", "Give the folder that does, or the file."
+            )
         return _recording(replace(TransformsFile.read(file), with_depth=self.depth))
 
 

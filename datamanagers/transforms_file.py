@@ -50,7 +50,7 @@ class TransformsFile:
         """Read the file.
 
         Raises:
-            DataError: it is not JSON, or holds no frames.
+            DataError: it is not JSON, or contains no frames.
         """
         try:
             content = parsed_json(path.read_text("utf-8-sig"))

@@ -319,7 +319,7 @@ def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[i
             "Copy the video again.",
         )
     if not stamps:
-        raise DataError(f"{path}: the video holds no images.", "Record or copy it again.")
+        raise DataError(f"{path}: the video contains no images.", "Record or copy it again.")
     _check_length(path, stream, stamps)
     return stamps, keys
 

@@ -80,7 +80,7 @@ class MapFolder:
         ]
         if not any(found):
             raise DataError(
-                f"{folder} holds no map of any image (looked for "
+                f"{folder} contains no map of any image (looked for "
                 f"{' or '.join(_file_names(recording.frames[0])[:3])} and so on).",
                 _readable(there),
             )

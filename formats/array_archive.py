@@ -170,7 +170,7 @@ def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:
     names = {entry.filename for entry in entries}
     if not names & {HEADER, SHORT_HEADER}:
         raise DataError(
-            f"{path} is no archive of arrays: it holds no {HEADER}.",
+            f"{path} is no archive of arrays: it contains no {HEADER}.",
             "Give a file that gsfw export RUN format=gsfw has written.",
         )
     short = HEADER not in names

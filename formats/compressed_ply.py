@@ -203,7 +203,7 @@ def _check_layout(header: PlyHeader) -> int:
                 )
     count = elements["vertex"].count
     if count == 0:
-        raise DataError(f"{path} holds no splats: its header announces 0 vertices.")
+        raise DataError(f"{path} contains no splats: its header announces 0 vertices.")
     expected = {"chunk": -(-count // SIZE), "sh": count}
     for name, number in expected.items():
         if name in elements and elements[name].count != number:

@@ -213,7 +213,7 @@ def _check_layout(header: PlyHeader) -> int:
     if wrong:
         raise DataError(f"{path}: expected one number as {wrong[0]}, found a list.")
     if header.elements["vertex"].count == 0:
-        raise DataError(f"{path} holds no splats: its header announces 0 vertices.")
+        raise DataError(f"{path} contains no splats: its header announces 0 vertices.")
     return rest_degree(path, names, REST_COUNTS)
 
 

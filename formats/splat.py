@@ -137,7 +137,7 @@ def _check_plausible(path: Path, rows: StoredRows) -> None:
     sound = np.isfinite(rows.means).all(axis=1) & np.isfinite(rows.log_scales).all(axis=1)
     if sound.mean() < SOUND:
         raise DataError(
-            f"{path} holds no splats: {1 - sound.mean():.0%} of its first rows have positions that "
-            "are not finite, or negative scales.",
+            f"{path} contains no splats: {1 - sound.mean():.0%} of its first rows have positions "
+            "that are not finite, or negative scales.",
             "It may be of another format, which its suffix does not tell.",
         )

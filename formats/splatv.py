@@ -294,7 +294,7 @@ def _activated(path: Path, records: np.ndarray) -> tuple[SplatFile, Motion]:
         finite &= np.isfinite(records[name]).all(axis=tuple(range(1, records[name].ndim)))
     if not finite.any():
         cause = "none of its rows is finite" if len(records) else "it has no rows"
-        raise DataError(f"{path} holds no splats: {cause}.", "Get the file again.")
+        raise DataError(f"{path} contains no splats: {cause}.", "Get the file again.")
     names = ("means", "quats", "scales", "path", "spin", "center", "width", "rgba")
     kept = {name: torch.from_numpy(records[name][finite].astype(np.float64)) for name in names}
     rgba, width = kept["rgba"] / 255, kept["width"].abs().clamp_min(NARROWEST)

@@ -232,7 +232,7 @@ def gathered(
                 whole.tensors()[name][first:end] = tensor
     if end == 0:
         cause = "none of its rows is finite" if count else "it has no rows"
-        raise DataError(f"{path} holds no splats: {cause}.", "Get the file again.")
+        raise DataError(f"{path} contains no splats: {cause}.", "Get the file again.")
     return (whole if end == count else whole.map(lambda tensor: tensor[:end])), count - end
 
 

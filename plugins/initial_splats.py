@@ -44,7 +44,7 @@ def find_importer(path: Path, registry: Registry) -> Importer:
         raise DataError(f"{path}: there is no such file.", what_is_missing(path))
     name = importer_of(path, registry)
     if name is None:
-        what = "holds no splats" if path.is_dir() else "is not a splat file"
+        what = "contains no splats" if path.is_dir() else "is not a splat file"
         raise DataError(
             f"{path} {what} that can be read here.",
             f"Formats that can be read: {', '.join(registry.slot('importer')) or 'none'}.",

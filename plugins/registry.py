@@ -99,7 +99,7 @@ def what_is_missing(path: Path) -> str:
     while not parent.is_dir():
         missing, parent = parent, parent.parent
     near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
-    return f"{parent.resolve()} holds no {missing.name!r}.{near}"
+    return f"{parent.resolve()} contains no {missing.name!r}.{near}"
 
 
 class Registry:

@@ -51,6 +51,6 @@ class StoredCapture(DataManager):
         if not self._has_data:
             where = "It was trained on the built-in scene, not on a data set: give the run's folder"
         raise DataError(
-            f"{self._source} holds no images, only the cameras that took them.",
+            f"{self._source} contains no images, only the cameras that took them.",
             f"{where}, or render what needs no images: gsfw render {self._source} what=orbit",
         )

@@ -160,7 +160,7 @@ def _latest(say: Callable[[str], None]) -> Path:
     runs = newest_runs()
     if not runs:
         raise DataError(
-            f"there is no latest run: {RUNS.resolve()} holds none, and none elsewhere is known.",
+            f"there is no latest run in {RUNS.resolve()}, and none elsewhere is known.",
             "Give the folder of a run, or train one: gsfw train method=3dgs",
         )
     if runs[0].is_absolute():

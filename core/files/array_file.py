@@ -131,7 +131,7 @@ def _entry(path: Path, archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
     if name:
         found = [entry for entry in entries if entry.filename == f"{name}.npy"]
         if not found:
-            raise ValueError(f"it holds no array {name!r}")
+            raise ValueError(f"it contains no array {name!r}")
         return found[0]
     if len(entries) != 1:
         names = ", ".join(entry.filename for entry in entries[:5])

@@ -44,7 +44,7 @@ class ColmapConfig(CaptureConfig):
         if not folders:
             found = describe_unrecognised(path)
             raise DataError(
-                f"{path} holds no COLMAP model; looked for {LOOKED_FOR}"
+                f"{path} contains no COLMAP model; looked for {LOOKED_FOR}"
                 + (f"; found {found}." if found else "."),
                 "Give the folder that holds sparse/ and images/.",
             )

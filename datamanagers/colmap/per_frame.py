@@ -59,7 +59,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
         folders = _folders(path)
         if not folders:
             raise DataError(
-                f"{path} holds no {PREFIX}0, {PREFIX}1, ...", "Give the folder that does."
+                f"{path} contains no {PREFIX}0, {PREFIX}1, ...", "Give the folder that does."
             )
         numbers = sorted(folders)
         chosen = self.chosen_times(len(numbers), str(path))
@@ -113,7 +113,7 @@ def _read(number: int, folder: Path) -> _Instant:
     models = model_folders(folder)
     if not models:
         raise DataError(
-            f"{folder} holds no COLMAP model.",
+            f"{folder} contains no COLMAP model.",
             "Every time needs one; choose times that have (datamanager.first, .frames, .stride).",
         )
     model = read_model(models[0])

@@ -39,7 +39,7 @@ def read_model(folder: Path) -> ColmapModel:
     known, registered = reader.read_cameras(cameras), reader.read_images(images)
     if not registered:
         raise DataError(
-            f"{images} holds no images: COLMAP has placed no camera.",
+            f"{images} contains no images: COLMAP has placed no camera.",
             "Look at COLMAP's log; it needs images that overlap and show texture.",
         )
     for image in registered:

@@ -96,7 +96,7 @@ def _placed_primitives(document: Document) -> list[tuple[JsonFields, Matrix]]:
     ]
     if not found:
         raise DataError(
-            f"{root.path} holds no splats: none of its {sum(map(len, by_mesh))} meshes in the "
+            f"{root.path} contains no splats: none of its {sum(map(len, by_mesh))} meshes in the "
             f"scene has the extension {EXTENSION}.",
             "Export it as splats from the tool that made it.",
         )
@@ -139,7 +139,7 @@ def _splats(document: Document, primitive: JsonFields, matrix: Matrix) -> tuple[
     held = placed.held_by_float32()
     if not held.any():
         raise DataError(
-            f"{path} holds no splats: the transforms of the nodes of {primitive.where} move all "
+            f"{path} contains no splats: the transforms of the nodes of {primitive.where} move all "
             "of its rows beyond float32.",
             "Apply the transforms in the tool that made the file.",
         )

@@ -82,7 +82,7 @@ class KsplatImporter(Importer):
                 for section, place, end in _sections(path, raw, header)
             ]
         if not parts:
-            raise DataError(f"{path} holds no splats: its sections are empty.", COPY_AGAIN)
+            raise DataError(f"{path} contains no splats: its sections are empty.", COPY_AGAIN)
         splats, dropped = activated(path, StoredRows.cat(parts))
         properties = {"level": str(header.level), "sections": str(header.sections)}
         return SplatFile(splats, properties=properties, num_dropped=dropped)

@@ -90,7 +90,7 @@ def read_header(path: Path, start: bytes) -> SpzHeader:
             "Convert it to version 3 with the tool that made it.",
         )
     if count == 0:
-        raise DataError(f"{path} holds no splats: its header announces 0.")
+        raise DataError(f"{path} contains no splats: its header announces 0.")
     if degree > MAX_DEGREE or (bits > MOST_BITS and version != HALVES):
         what = f"SH degree {degree}" if degree > MAX_DEGREE else f"{bits} fractional bits"
         raise DataError(f"{path} is a damaged SPZ file: its header states {what}.", COPY_AGAIN)

@@ -147,13 +147,15 @@ def from_splats(splats: Splats, sh_degree: int) -> GaussianParameters:
     """Parameters from the splats of a file, in the scene frame; cuts or pads to ``sh_degree``.
 
     Raises:
-        DataError: the file holds no splats, or values that are not finite.
+        DataError: the file contains no splats, or values that are not finite.
     """
     assert isinstance(splats.colors, Sh)
     assert splats.quats is not None
     assert splats.scales is not None
     if len(splats) == 0:
-        raise DataError("init: the file holds no splats.", "Start from init=points or init=random.")
+        raise DataError(
+            "init: the file contains no splats.", "Start from init=points or init=random."
+        )
     for name, tensor in splats.tensors().items():
         if not bool(tensor.isfinite().all()):
             raise DataError(

@@ -162,7 +162,7 @@ def test_info_needs_neither_the_data_nor_the_state(model, without_data, capsys):
 def test_what_needs_pictures_says_so(model, without_data, capsys, verb):
     assert main([*verb, str(model)]) == 2
     assert capsys.readouterr().err == (
-        f"error: {model} holds no images, only the cameras that took them.\n"
+        f"error: {model} contains no images, only the cameras that took them.\n"
         "Add data=PATH with the data set it was trained on, or render what needs no images: "
         f"gsfw render {model} what=orbit\n"
     )
@@ -175,7 +175,7 @@ def test_of_the_built_in_scene_it_is_the_run_that_has_the_pictures(tmp_path, cap
     capsys.readouterr()
     assert main(["eval", str(out / "model.gsfw")]) == 2
     assert capsys.readouterr().err == (
-        f"error: {out}/model.gsfw holds no images, only the cameras that took them.\n"
+        f"error: {out}/model.gsfw contains no images, only the cameras that took them.\n"
         "It was trained on the built-in scene, not on a data set: give the run's folder, or render "
         f"what needs no images: gsfw render {out}/model.gsfw what=orbit\n"
     )

@@ -188,7 +188,7 @@ def test_the_filter_that_matches_nothing_is_repeated(capsys):
 def test_without_runs_the_command_that_makes_one_is_named(capsys, tmp_path):
     assert main(["runs"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith(f"there are no runs: {tmp_path / 'runs'} holds none")
+    assert out.startswith(f"there are no runs in {tmp_path / 'runs'}, and none")
     assert out.endswith("Train one: gsfw train method=3dgs\n")
 
 
@@ -296,8 +296,8 @@ def test_a_setting_that_a_plugin_got_meanwhile_is_named_with_the_packages(capsys
         config.write("edge_weight: 0.05\n")
     assert main(["runs", "compare", str(first), str(second)]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert lines[lines.index("no setting differs that somebody chose") :] == [
-        "no setting differs that somebody chose",
+    assert lines[lines.index("no chosen setting differs") :] == [
+        "no chosen setting differs",
         "A B",
         "plugins my-method 0.1 my-method 0.2",
         "only B has edge_weight (0.05)",

@@ -134,7 +134,7 @@ def test_a_folder_without_training_file_is_refused(tmp_path):
     with pytest.raises(DataError) as error:
         build(tmp_path)
     assert str(error.value) == (
-        f"{tmp_path} holds no transforms_train.json.\nGive the folder that does."
+        f"{tmp_path} contains no transforms_train.json.\nGive the folder that does."
     )
 
 

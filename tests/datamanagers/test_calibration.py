@@ -156,11 +156,11 @@ def test_cameras_that_are_none_are_refused(tmp_path, settings, message):
     ("name", "content", "message"),
     [
         ("cameras.json", '{"cameras": [', r"cameras\.json cannot be read"),
-        ("cameras.json", "[]", r"cameras\.json holds no cameras"),
-        ("cameras.json", "3", r"cameras\.json holds no cameras"),
+        ("cameras.json", "[]", r"cameras\.json contains no cameras"),
+        ("cameras.json", "3", r"cameras\.json contains no cameras"),
         ("Calib.toml", "a = " + "[" * 20_000, r"Calib\.toml cannot be read"),
         ("a.qca.txt", "<calibration>", r"a\.qca\.txt cannot be read as XML"),
-        ("a.qca.txt", "<calibration/>", r"a\.qca\.txt holds no cameras"),
+        ("a.qca.txt", "<calibration/>", r"a\.qca\.txt contains no cameras"),
     ],
 )
 def test_damaged_files_are_refused(tmp_path, name, content, message):

@@ -31,7 +31,7 @@ def test_videos_go_before_folders(tmp_path):
 
 
 def test_a_folder_without_images_is_refused(tmp_path):
-    with pytest.raises(DataError, match=r"the folder of camera a holds no images"):
+    with pytest.raises(DataError, match=r"the folder of camera a contains no images"):
         CameraSequence.read("a", tmp_path)
 
 

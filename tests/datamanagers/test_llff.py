@@ -112,8 +112,8 @@ def test_malformed_files_are_refused(tmp_path):
     np.save(tmp_path / "poses_bounds.npy", np.ones((4, 17)))
     assert "row 0 (view_000.png): the pose is not rigid" in failure(tmp_path)
     (tmp_path / "poses_bounds.npy").unlink()
-    assert f"{tmp_path} holds no poses_bounds.npy." in failure(tmp_path)
-    assert "holds no images: there is no images/" in failure(tmp_path.parent)
+    assert f"{tmp_path} contains no poses_bounds.npy." in failure(tmp_path)
+    assert "contains no images: there is no images/" in failure(tmp_path.parent)
 
 
 def test_videos_of_cameras_are_another_format(tmp_path):

@@ -240,7 +240,7 @@ def test_a_named_folder_has_to_be_there_and_to_hold_masks(folder):
     with pytest.raises(DataError) as error:
         open_colmap(folder, masks="elsewhere")
     assert str(error.value) == (
-        f"{folder}/elsewhere holds no mask of any image (looked for view_000.png.png or "
+        f"{folder}/elsewhere contains no mask of any image (looked for view_000.png.png or "
         "view_000.png, in any image format; found other.png).\n"
         "Name masks as their images, with .png behind or instead of the extension."
     )
@@ -250,7 +250,7 @@ def test_a_folder_of_masks_that_belongs_to_no_image_is_noted(folder):
     write_image(folder / "masks/other.png")
     (note,) = mask_notes(open_colmap(folder))
     assert note == (
-        f"{folder}/masks holds no mask of any image (looked for view_000.png.png or "
+        f"{folder}/masks contains no mask of any image (looked for view_000.png.png or "
         "view_000.png, in any image format; found other.png): all pixels count"
     )
 

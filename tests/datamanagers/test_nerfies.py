@@ -173,7 +173,7 @@ def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
     ("name", "content", "message"),
     [
         ("dataset.json", '{"train_ids": ', r"dataset\.json cannot be read as JSON"),
-        ("dataset.json", "[]", r"dataset\.json holds no JSON object"),
+        ("dataset.json", "[]", r"dataset\.json contains no JSON object"),
         ("dataset.json", '{"train_ids": 3}', r"train_ids is not a list of names"),
         ("dataset.json", "{}", r"dataset\.json lists no frames"),
         ("metadata.json", "{}", r"metadata\.json does not have left1_000000"),
@@ -199,7 +199,7 @@ def test_a_camera_number_that_is_too_large_is_refused(tmp_path):
 
 
 def test_without_images_it_is_refused(tmp_path):
-    with pytest.raises(DataError, match=r"holds no images: there is no rgb/1x, rgb/2x"):
+    with pytest.raises(DataError, match=r"contains no images: there is no rgb/1x, rgb/2x"):
         build(write(tmp_path, scales=()))
 
 

@@ -192,7 +192,7 @@ def test_binary_files_lead_to_openmvgs_converter(tmp_path):
 
 
 def test_the_format_is_told_by_its_name(tmp_path):
-    assert failure(tmp_path).startswith(f"{tmp_path} holds no sfm_data.json.")
+    assert failure(tmp_path).startswith(f"{tmp_path} contains no sfm_data.json.")
     assert OpenMvgConfig.detect(write(tmp_path)).found == "sfm_data.json"
 
 

@@ -187,7 +187,7 @@ def changed(**settings):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (reconstruction(shots={}), "reconstruction.json holds no shots"),
+        (reconstruction(shots={}), "reconstruction.json contains no shots"),
         (reconstruction(cameras=3), "cameras of 0: expected an object, found 3."),
         (changed(camera="other"), "shot view_000.png: there is no camera 'other'."),
         (changed(rotation=[1, 2]), "shot view_000.png: rotation: expected 3 numbers, found [1, 2]"),
@@ -206,7 +206,7 @@ def test_malformed_files_are_refused(tmp_path, content, message):
 
 
 def test_damaged_files_are_refused(tmp_path):
-    assert failure(tmp_path).startswith(f"{tmp_path} holds no reconstruction.json.")
+    assert failure(tmp_path).startswith(f"{tmp_path} contains no reconstruction.json.")
     (tmp_path / "reconstruction.json").write_text('[{"cameras": ')
     assert "reconstruction.json cannot be read as JSON" in failure(tmp_path)
     (tmp_path / "reconstruction.json").write_text("{}")

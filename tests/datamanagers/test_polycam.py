@@ -110,7 +110,7 @@ def test_malformed_cameras_are_refused(tmp_path, settings, message):
 
 
 def test_damaged_or_missing_files_are_refused(tmp_path):
-    assert "holds no keyframes/ with images/ and cameras/" in failure(tmp_path)
+    assert "contains no keyframes/ with images/ and cameras/" in failure(tmp_path)
     write(tmp_path)
     file = tmp_path / "keyframes/cameras/view_000.json"
     file.write_text("[1]")

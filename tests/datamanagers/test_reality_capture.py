@@ -158,7 +158,7 @@ def test_missing_images_are_noted(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        ([], "export.csv holds no cameras."),
+        ([], "export.csv contains no cameras."),
         (["view_000.png,1,2,3"], "export.csv: line 2 has 4 of 16 columns."),
         (["view_000.png," + ",".join("1" * 6) + ",wide" + ",0" * 8],
          "line 2 (view_000.png): f is 'wide'; expected a number."),

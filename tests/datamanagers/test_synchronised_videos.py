@@ -179,7 +179,9 @@ def test_a_calibration_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(DataError, match=r"datamanager\.calibration=a\.json: there is no file"):
         build(tmp_path, calibration="a.json")
     (tmp_path / "cameras.json").unlink()
-    with pytest.raises(DataError, match=r"holds no calibration file; looked for cameras\*\.json"):
+    with pytest.raises(
+        DataError, match=r"contains no calibration file; looked for cameras\*\.json"
+    ):
         build(tmp_path)
 
 

@@ -242,7 +242,7 @@ def test_folders_that_do_not_fit_are_refused(folder):
     (folder / "exr").mkdir()
     (folder / "exr/view_000.exr").touch()
     message = refusal(folder, "m:exr")
-    assert "holds no map of any image (looked for view_000.npy or view_000.png.npy" in message
+    assert "contains no map of any image (looked for view_000.npy or view_000.png.npy" in message
     assert "convert .exr files: .npy, .npz, .png" in message
 
 

@@ -156,7 +156,7 @@ def test_another_zip_is_told_apart(tmp_path):
     path = archive_of(tmp_path / "a.zip", [("readme.txt", "hello")])
     said = refusal(path)
     assert said.startswith(
-        "FILE is no archive of arrays: it holds no header.json.\nGive a file that "
+        "FILE is no archive of arrays: it contains no header.json.\nGive a file that "
     )
 
 
@@ -224,5 +224,5 @@ def test_a_full_buffer_is_not_needed_to_refuse(tmp_path):
     path.write_bytes(io.BytesIO(b"PK\x05\x06" + bytes(18)).getvalue())
     said = refusal(path)
     assert said.startswith(
-        "FILE is no archive of arrays: it holds no header.json.\nGive a file that "
+        "FILE is no archive of arrays: it contains no header.json.\nGive a file that "
     )

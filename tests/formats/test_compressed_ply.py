@@ -183,7 +183,7 @@ refusal = refusal_of(read)
         (b"element sh 300", b"element sh 299", "announces 299 sh rows, and 300 belong to its 300"),
         (b"uchar f_rest_4", b"char f_rest_4", "FILE: expected a uchar as f_rest_4."),
         (b"f_rest_8", b"f_rust_8", "FILE: 8 f_rest properties belong to no SH degree."),
-        (b"element vertex 300", b"element vertex 0", "FILE holds no splats"),
+        (b"element vertex 300", b"element vertex 0", "FILE contains no splats"),
         (b"element vertex 300", b"element vertex 999999999999", "a damaged PLY"),
     ],
 )

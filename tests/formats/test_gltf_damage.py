@@ -35,7 +35,7 @@ POSITION_AT, SCALE_AT = f"{AT}.attributes.POSITION", f"{AT}.attributes.{SPLATTIN
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        ((*PRIMITIVE, "extensions"), None, "FILE holds no splats: none of its 1 meshes in the"),
+        ((*PRIMITIVE, "extensions"), None, "FILE contains no splats: none of its 1 meshes in the"),
         (("extensionsRequired",), ["EXT_meshopt_compression"], "FILE requires EXT_meshopt_compre"),
         (
             (*PRIMITIVE, "extensions", SPLATTING, "colorSpace"),
@@ -130,7 +130,7 @@ def test_containers_that_are_damaged_are_refused(tmp_path):
         (raw[:16] + b"BIN\0" + raw[20:], "FILE is a damaged .glb file: it does not begin with JS"),
         (raw[:20] + b"x" + raw[21:], "FILE has damaged JSON: Expecting value"),
         (b'{"a":' + deep, "FILE has damaged JSON: it is nested too deeply."),
-        (b'{"meshes":[]}', "FILE holds no splats: none of its 0 meshes"),
+        (b'{"meshes":[]}', "FILE contains no splats: none of its 0 meshes"),
     ):
         path.write_bytes(content)
         assert refusal(path).startswith(message)

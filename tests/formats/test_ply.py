@@ -318,7 +318,7 @@ def test_a_file_without_splats_is_refused(tmp_path):
     path = write(tmp_path / "a.ply", splats(1))
     header = path.read_bytes().partition(b"end_header\n")[0]
     path.write_bytes(header.replace(b"vertex 1", b"vertex 0") + b"end_header\n")
-    assert refusal(path) == "FILE holds no splats: its header announces 0 vertices."
+    assert refusal(path) == "FILE contains no splats: its header announces 0 vertices."
 
 
 def test_rows_that_are_not_finite_are_dropped_and_counted(tmp_path):
@@ -334,7 +334,7 @@ def test_rows_that_are_not_finite_are_dropped_and_counted(tmp_path):
     raw[start:] = np.full(5 * 17, np.nan, dtype="<f4").tobytes()
     path.write_bytes(raw)
     assert refusal(path) == (
-        "FILE holds no splats: none of its rows is finite.\nGet the file again."
+        "FILE contains no splats: none of its rows is finite.\nGet the file again."
     )
 
 

@@ -116,7 +116,7 @@ def test_files_of_another_size_or_content_are_refused(tmp_path):
             "It may have been cut short, or be of another format; get it again."
         )
     path.write_bytes(np.random.default_rng(0).bytes(32 * 1000))
-    assert refusal(path).startswith("FILE holds no splats: 8")
+    assert refusal(path).startswith("FILE contains no splats: 8")
 
 
 def test_rows_that_are_not_finite_are_dropped_and_counted(tmp_path):

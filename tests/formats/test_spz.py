@@ -282,7 +282,7 @@ def test_files_that_are_no_spz_are_refused(tmp_path):
     ("version", "count", "degree", "bits", "message"),
     [
         (5, 1, 0, 12, "FILE is SPZ of version 5; versions 1 to 4 are read.\nConvert it to version"),
-        (3, 0, 0, 12, "FILE holds no splats: its header announces 0."),
+        (3, 0, 0, 12, "FILE contains no splats: its header announces 0."),
         (3, 1, 5, 12, f"FILE is a damaged SPZ file: its header states SH degree 5.\n{COPY}"),
         (3, 1, 0, 99, f"FILE is a damaged SPZ file: its header states 99 fractional bits.\n{COPY}"),
         (4, 1, 0, 12, f"FILE is a damaged SPZ file: version 4 in gzip.\n{COPY}"),

@@ -69,14 +69,14 @@ def test_a_missing_folder_suggests_its_sibling(tmp_path):
     (tmp_path / "garden").mkdir()
     assert data_refusal(tmp_path / "gardne") == (
         f"data={tmp_path / 'gardne'}: there is no such file or folder.\n"
-        f"{tmp_path} holds no 'gardne'. Did you mean 'garden'?"
+        f"{tmp_path} contains no 'gardne'. Did you mean 'garden'?"
     )
 
 
 def test_a_missing_parent_is_named(tmp_path):
     (tmp_path / "captures").mkdir()
     said = data_refusal(tmp_path / "capture" / "fox")
-    assert said.endswith(f"{tmp_path} holds no 'capture'. Did you mean 'captures'?")
+    assert said.endswith(f"{tmp_path} contains no 'capture'. Did you mean 'captures'?")
 
 
 def test_an_empty_folder_has_its_own_message(tmp_path):

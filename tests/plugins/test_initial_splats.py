@@ -85,7 +85,9 @@ def test_a_folder_and_a_file_are_recognised_by_content(folder):
 def test_what_is_no_splats_is_refused(folder):
     with pytest.raises(DataError) as caught:
         find_importer(folder.parent, installed())
-    assert str(caught.value).startswith(f"{folder.parent} holds no splats that can be read here.")
+    assert str(caught.value).startswith(
+        f"{folder.parent} contains no splats that can be read here."
+    )
     with pytest.raises(DataError, match="there is no such file") as caught:
         find_importer(folder / "A.ply", installed())
     assert "Did you mean 'a.ply'?" in str(caught.value)

@@ -21,7 +21,7 @@ def test_cameras_are_there_and_images_are_not():
     with pytest.raises(DataError) as caught:
         capture.load(Split.TRAIN, [0], torch.device("cpu"))
     assert str(caught.value) == (
-        "a.gsfw holds no images, only the cameras that took them.\n"
+        "a.gsfw contains no images, only the cameras that took them.\n"
         "Add data=PATH with the data set it was trained on, or render what needs no images: "
         "gsfw render a.gsfw what=orbit"
     )

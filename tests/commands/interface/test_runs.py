@@ -59,7 +59,7 @@ def test_a_checkpoint_names_its_run(tmp_path):
 
 def test_without_any_run_there_is_no_latest(tmp_path):
     assert refusal("latest") == (
-        f"there is no latest run: {tmp_path / 'runs'} holds none, and none elsewhere is known.\n"
+        f"there is no latest run in {tmp_path / 'runs'}, and none elsewhere is known.\n"
         "Give the folder of a run, or train one: gsfw train method=3dgs"
     )
 

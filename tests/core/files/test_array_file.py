@@ -86,7 +86,7 @@ def test_an_archive_whose_header_lies_gets_no_memory(tmp_path, method):
 def test_an_array_of_an_archive_is_found_by_its_name(tmp_path):
     np.savez_compressed(tmp_path / "a.npz", first=np.zeros(3), data=np.zeros((2000, 300), np.int16))
     assert read_numbers(tmp_path / "a.npz", "data").shape == (2000, 300)
-    with pytest.raises(DataError, match="it holds no array 'other'"):
+    with pytest.raises(DataError, match="it contains no array 'other'"):
         read_numbers(tmp_path / "a.npz", "other")
     np.save(tmp_path / "a.npy", np.array(["text"]))
     with pytest.raises(DataError, match="holds values of type <U4"):

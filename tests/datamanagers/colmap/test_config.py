@@ -142,7 +142,7 @@ def test_a_model_without_images_is_refused(tmp_path):
     with pytest.raises(DataError) as error:
         build(tmp_path)
     assert str(error.value) == (
-        f"{tmp_path}/images.bin holds no images: COLMAP has placed no camera.\n"
+        f"{tmp_path}/images.bin contains no images: COLMAP has placed no camera.\n"
         "Look at COLMAP's log; it needs images that overlap and show texture."
     )
 
@@ -226,8 +226,9 @@ def test_a_folder_without_a_model_says_what_was_looked_for(tmp_path):
     with pytest.raises(DataError) as error:
         build(tmp_path)
     assert error.value.message.startswith(
-        f"{tmp_path} holds no COLMAP model; looked for cameras, images and points3D (.bin or .txt) "
-        "in sparse/0, in sparse, or in the folder; found 4 images in images/, but no cameras; "
+        f"{tmp_path} contains no COLMAP model; looked for cameras, images and points3D (.bin or "
+        ".txt) in sparse/0, in sparse, or in the folder; found 4 images in images/, but no "
+        "cameras; "
     )
     shutil.rmtree(tmp_path / "images")
     with pytest.raises(DataError, match=r"in the folder\.\nGive the folder that holds sparse/ and"):

@@ -93,7 +93,7 @@ def test_a_single_time_is_static(tmp_path):
 
 def test_a_time_without_a_model_is_refused(tmp_path):
     (write(tmp_path) / "colmap_7").mkdir()
-    with pytest.raises(DataError, match=r"colmap_7 holds no COLMAP model"):
+    with pytest.raises(DataError, match=r"colmap_7 contains no COLMAP model"):
         build(tmp_path)
     assert build(tmp_path, frames=3).scene.num_times == 3
 
@@ -115,5 +115,5 @@ def test_the_format_is_told_by_names(tmp_path):
     assert (found.recognised, found.found) == (True, "colmap_0 to colmap_2")
     assert not ColmapConfig.detect(tmp_path).recognised
     assert not ColmapPerFrameConfig.detect(tmp_path / "colmap_0").recognised
-    with pytest.raises(DataError, match=r"holds no colmap_0, colmap_1"):
+    with pytest.raises(DataError, match=r"contains no colmap_0, colmap_1"):
         build(tmp_path / "colmap_0")

@@ -196,7 +196,7 @@ def test_saturated_opacities_and_flat_splats_of_a_file_stay_finite():
 
 
 def test_a_file_that_cannot_be_started_from_is_refused():
-    with pytest.raises(DataError, match="init: the file holds no splats"):
+    with pytest.raises(DataError, match="init: the file contains no splats"):
         from_splats(random_splats(0), 1)
     broken = random_splats(3)
     broken.means[1, 2] = float("nan")
