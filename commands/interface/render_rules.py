@@ -231,13 +231,10 @@ def _check_rules(options: RenderOptions, rules: tuple[Rule, ...]) -> None:
 
 
 def _check_numbers(options: RenderOptions) -> None:
-    frames = 1 if options.frames is None else options.frames
-    fps = 1 if options.fps is None else options.fps
-    if frames < 1 or not 1 <= fps <= MOST_FPS:
-        raise ConfigError(
-            f"frames={frames} fps={fps}: expected at least 1 frame, and 1 to {MOST_FPS} frames per "
-            "second."
-        )
+    if options.frames is not None and options.frames < 1:
+        raise ConfigError(f"frames={options.frames}: expected at least 1 frame.")
+    if options.fps is not None and not 1 <= options.fps <= MOST_FPS:
+        raise ConfigError(f"fps={options.fps}: expected 1 to {MOST_FPS} frames per second.")
     if options.width and options.scale != 1:
         raise ConfigError(
             f"width={options.width} scale={options.scale:g}: both give the size of the frames.",

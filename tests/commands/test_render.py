@@ -149,11 +149,17 @@ def test_time_cannot_pass_for_a_static_method(blurred_run, tmp_path, capsys):
     assert not (tmp_path / "time").exists()
 
 
-@pytest.mark.parametrize("setting", ["frames=0", "fps=0", "fps=2000"])
-def test_impossible_films_are_one_message(finished_run, capsys, setting):
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("frames=0", "at least 1 frame."),
+        ("fps=0", "1 to 1000 frames per second."),
+        ("fps=2000", "1 to 1000 frames per second."),
+    ],
+)
+def test_an_impossible_number_is_named_alone(finished_run, capsys, setting, expected):
     assert main(["render", str(finished_run), setting]) == 2
-    said = "expected at least 1 frame, and 1 to 1000 frames per second."
-    assert said in capsys.readouterr().err
+    assert capsys.readouterr().err == f"error: {setting}: expected {expected}\n"
 
 
 def test_an_unknown_kind_of_film_names_those_there_are(finished_run, capsys):
