@@ -141,7 +141,7 @@ def test_a_run_without_memory_ends_with_a_checkpoint_and_what_helps(tmp_path):
     assert kept.exists()
     assert f"fewer Gaussians (strategy=mcmc strategy.cap_max={rows // 2})" in caught.value.advice
     assert (
-        f"{kept} is kept: gsfw resume {tmp_path / 'a'} goes on from there." in caught.value.advice
+        f"{kept} is kept: gsfw resume {tmp_path / 'a'} continues from there." in caught.value.advice
     )
 
 
