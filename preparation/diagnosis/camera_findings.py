@@ -101,9 +101,9 @@ def _stretch(figures: ModelFigures) -> Iterator[Finding]:
             f"Images are stretched by {stretch.pixels:.1f} pixels at their edges (median), each "
             f"in another way, {stretch.ratio:.0f} times what noise explains.",
             "A shutter that reads row after row bends images of a moving camera, and no pose "
-            "fits all of one.",
+            "fits all of one. Things that move in the scene have the same effect.",
             "Stand still for each photo, or move slowly in good light; turn electronic "
-            "stabilisation off.",
+            "stabilisation off. If something moves, let what stands still fill most of each image.",
         )
 
 

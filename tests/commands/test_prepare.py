@@ -136,6 +136,12 @@ def test_another_setting_repeats_only_what_depends_on_it(prepared, photos, capsy
     assert size_of(prepared / "images" / "photo_003.jpg") == (320, 240, 1)
 
 
+@pytest.mark.parametrize("layout", ["auto", "colmap", "transforms"])
+def test_the_layout_is_that_of_computed_cameras_too(layout):
+    options = prepare.PrepareOptions(inputs=("walk.mp4",), layout=layout)
+    assert prepare._rule(options).layout == ("transforms" if layout == "transforms" else "colmap")
+
+
 @pytest.mark.slow
 def test_a_video_becomes_splats_with_two_commands(tmp_path):
     truth = captured.arc(FRAMES, step=2.0)

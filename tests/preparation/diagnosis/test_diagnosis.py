@@ -314,6 +314,7 @@ def test_images_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter
         "Images are stretched by 0.8 pixels at their edges (median), each in another way, 30 "
         "times what noise explains."
     )
+    assert "Things that move in the scene have the same effect." in finding.why
 
 
 def test_focal_lengths_are_compared_with_what_was_said():
