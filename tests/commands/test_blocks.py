@@ -49,10 +49,17 @@ def test_a_folder_that_is_no_partition_is_refused(tmp_path, capsys):
     assert "is no partition" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_blocks_far_from_the_origin_are_trained_merged_and_drawn(tmp_path, capsys):
-    folder = cut(tmp_path, origin=(5e6, 4.2e6, 100.0))
+@pytest.fixture(scope="module")
+def far_away(tmp_path_factory):
+    """Trained and merged blocks, far from the origin."""
+    folder = cut(tmp_path_factory.mktemp("far_away"), origin=(5e6, 4.2e6, 100.0))
     assert main(["blocks", str(folder), *SHORT]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_blocks_far_from_the_origin_are_trained_merged_and_drawn(far_away, capsys):
+    folder = far_away
     partition, registry = read_partition(folder), installed()
     merged = PlyImporter().read(folder / "merged.ply").splats
     parts = [
@@ -75,9 +82,8 @@ def test_blocks_far_from_the_origin_are_trained_merged_and_drawn(tmp_path, capsy
 
 
 @pytest.mark.slow
-def test_finished_blocks_are_kept_and_other_settings_refused(tmp_path, capsys):
-    folder = cut(tmp_path)
-    assert main(["blocks", str(folder), *SHORT]) == 0
+def test_finished_blocks_are_kept_and_other_settings_refused(far_away, capsys):
+    folder = far_away
     before = {
         path: path.stat().st_mtime_ns for path in sorted(folder.glob("blocks/*/metrics.json"))
     }
