@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import torch
@@ -23,17 +23,13 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
     Raises:
         ValueError: an input is wrong; names the field, the expected and the found value.
     """
-    check_tensors(splats)
-    has_axes = splats.quats is not None and splats.scales is not None
-    if has_axes == (splats.covariances is not None) or (splats.quats is None) != (
-        splats.scales is None
-    ):
-        raise ValueError("splats: give either quats and scales, or covariances")
+    check_splats(splats)
     if cameras.width < 1 or cameras.height < 1:
         raise ValueError(f"cameras: image size {cameras.width}x{cameras.height} has no pixel")
     if len(cameras) == 0:
         raise ValueError("cameras: expected at least one, found none")
-    _check_shapes(splats, cameras)
+    _check_shape("cameras.world_to_camera", cameras.world_to_camera, (len(cameras), 4, 4))
+    _check_shape("cameras.intrinsics", cameras.intrinsics, (len(cameras), 3, 3))
     if settings.background is not None and len(settings.background) != splats.channels:
         raise ValueError(
             f"settings.background: expected {splats.channels} channels, "
@@ -41,19 +37,41 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
         )
     if settings.contribution_weights is not None:
         _check_contribution_weights(settings.contribution_weights, cameras, settings)
-    for name, tensor in _named_tensors(splats, cameras, settings).items():
-        if tensor.dtype != splats.means.dtype or not tensor.dtype.is_floating_point:
-            raise ValueError(f"{name}: expected {splats.means.dtype}, found {tensor.dtype}")
-        if tensor.device != splats.means.device:
-            raise ValueError(
-                f"{name}: expected device {splats.means.device}, found {tensor.device}"
-            )
+    _check_types(_tensors_of_view(cameras, settings), splats.means)
 
 
-def _named_tensors(splats: Splats, cameras: Cameras, settings: RenderSettings) -> dict[str, Tensor]:
-    """All floating-point tensors of a render, by the names in messages."""
-    named: dict[str, Tensor | None] = {
-        **{f"splats.{name}": tensor for name, tensor in splats.tensors().items()},
+def check_splats(splats: Splats) -> None:
+    """Check shapes, dtypes and devices of splats, but no values.
+
+    Raises:
+        ValueError: a field is wrong; names it, the expected and the found value.
+    """
+    check_tensors(splats)
+    has_axes = splats.quats is not None and splats.scales is not None
+    if has_axes == (splats.covariances is not None) or (splats.quats is None) != (
+        splats.scales is None
+    ):
+        raise ValueError("splats: give either quats and scales, or covariances")
+    _check_shapes(splats)
+    _check_types(_tensors_of_splats(splats), splats.means)
+
+
+def _check_types(named: Mapping[str, Tensor], like: Tensor) -> None:
+    for name, tensor in named.items():
+        if tensor.dtype != like.dtype or not tensor.dtype.is_floating_point:
+            raise ValueError(f"{name}: expected {like.dtype}, found {tensor.dtype}")
+        if tensor.device != like.device:
+            raise ValueError(f"{name}: expected device {like.device}, found {tensor.device}")
+
+
+def _tensors_of_splats(splats: Splats) -> dict[str, Tensor]:
+    """The floating-point tensors of splats, by the names in messages."""
+    return {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
+
+
+def _tensors_of_view(cameras: Cameras, settings: RenderSettings) -> dict[str, Tensor]:
+    """All other floating-point tensors of a render, by the names in messages."""
+    named = {
         "cameras.world_to_camera": cameras.world_to_camera,
         "cameras.intrinsics": cameras.intrinsics,
         "settings.background": settings.background,
@@ -85,8 +103,8 @@ def _check_contribution_weights(
         raise ValueError(f"{name}: expected Statistic.CONTRIBUTION in settings.statistics")
 
 
-def _check_shapes(splats: Splats, cameras: Cameras) -> None:
-    n, c = len(splats), len(cameras)
+def _check_shapes(splats: Splats) -> None:
+    n = len(splats)
     expected = {
         "means": (n, 3),
         "opacities": (n,),
@@ -110,8 +128,6 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
     if isinstance(colors, Sh):
         _check_parts(colors)
         _check_type_of_offsets(colors, splats.means.device)
-    _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
-    _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
 
 
 def _check_parts(colors: Sh) -> None:
@@ -161,7 +177,7 @@ def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
 
 def _conditions(splats: Splats, cameras: Cameras, settings: RenderSettings) -> Iterator[_Condition]:
     """All conditions, one after another: flags of all values at once would take memory."""
-    for name, tensor in _named_tensors(splats, cameras, settings).items():
+    for name, tensor in (_tensors_of_splats(splats) | _tensors_of_view(cameras, settings)).items():
         yield _Condition(name, tensor.isfinite(), "finite values", tensor)
     yield from _in_range(splats, cameras)
     yield from _of_offsets(splats.colors)

@@ -23,6 +23,7 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import RenderSettings
+from gsfw.core.returns import checked_splats
 from gsfw.core.splats import Splats
 
 if TYPE_CHECKING:
@@ -127,7 +128,8 @@ class Team:
         time: Float[Tensor, ""] | None,
     ) -> Rendering:
         """Render a model at ``time``; its images are not decoded."""
-        splats = model.splats(time, cameras)
+        found = model.splats(time, cameras)
+        splats = checked_splats(f"{type(model).__name__}.splats", found, model.num_rows)
         output = rasterizer.render(splats, cameras, settings)
         return Rendering(output, splats, [RenderedPart(splats, output.statistics)])
 

@@ -42,6 +42,7 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.refinement.budget import with_budget
 from gsfw.core.refinement.refiners import Refiners, checked_refiners
 from gsfw.core.render_settings import RenderSettings, Validation
+from gsfw.core.returns import checked_settings, untrained_notes
 from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
@@ -267,8 +268,8 @@ def compose(
     _check_parts(settings, parts)
     remarks = (*start.notes, *fit.notes(), *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
-    plan = replace(plan, settings=method.render_settings(plan.settings, None))
-    return Composition(settings, parts, plan, remarks, surface)
+    plan = replace(plan, settings=checked_settings(method, plan.settings, None))
+    return Composition(settings, parts, plan, (*remarks, *untrained_notes(parts.model)), surface)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:

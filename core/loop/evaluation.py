@@ -26,7 +26,7 @@ from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.returns import checked_mapping
+from gsfw.core.returns import checked_figures, checked_images
 from gsfw.core.temporal_metrics.over_time import OverTime, means
 
 
@@ -139,11 +139,16 @@ def evaluate(
         target = batch.target(settings.background)[0]
         per_view[index] = comparison.compare(index, batch, target, output)
         if on_view is not None:
-            images = {} if method is None else method.view_images(batch, output)
+            images = {} if method is None else _own_images(method, batch, output)
             shown = output.color[0]
             on_view(EvaluatedView(views.names[index], per_view[index], target, shown, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
     return comparison.evaluation(views.names, per_view, middle)
+
+
+def _own_images(method: Method, batch: Batch, output: RenderOutput) -> Mapping[str, Tensor]:
+    source = f"{method.registered_as or type(method).__name__}: view_images"
+    return checked_images(source, method.view_images(batch, output))
 
 
 class _Comparison:
@@ -179,9 +184,7 @@ class _Comparison:
         if self._method is None:
             return {}
         source = f"{self._method.registered_as or type(self._method).__name__}: view_metrics"
-        found = self._method.view_metrics(batch, output)
-        advice = 'Return a mapping such as {"depth_error": 0.1}; {} where there is none.'
-        return dict(checked_mapping(source, found, "numbers by name", advice))
+        return checked_figures(source, self._method.view_metrics(batch, output))
 
     def evaluation(
         self, names: Sequence[str], per_view: Mapping[int, Mapping[str, float]], render_ms: float

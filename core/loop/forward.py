@@ -20,7 +20,7 @@ from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings
-from gsfw.core.returns import HOW_TO_TERM, checked_terms
+from gsfw.core.returns import HOW_TO_TERM, checked_settings, checked_terms
 from gsfw.core.team import RenderedPart
 
 
@@ -77,7 +77,7 @@ class Forward:
             step: number of the step, counted from 0.
             count: number of batches of all processes.
         """
-        settings = self._parts.method.render_settings(self._plan.settings, step)
+        settings = checked_settings(self._parts.method, self._plan.settings, step)
         return [replace(settings, background=self._background(settings)) for _ in range(count)]
 
     def render(self, batch: Batch, step: int, share: float, base: RenderSettings) -> RenderedBatch:

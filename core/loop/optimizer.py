@@ -16,6 +16,7 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.core.parameter_group import ParameterGroup
+from gsfw.core.returns import checked_groups
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,11 @@ class Optimizer:
             operators: operators of the run's device.
             settings: constants of Adam, and the treatment of unseen rows.
             others: further groups that are not the model's (corrections of the capture).
+
+        Raises:
+            ConfigError: the model's groups have a wrong form.
         """
+        checked_groups(f"{type(model).__name__}.parameter_groups", model)
         self._model = model
         self._others = tuple(others)
         self._operators = operators
@@ -224,13 +229,30 @@ class Optimizer:
         return sum(2 * tensor.nbytes for tensor in self.tensors())
 
     def reset(self, names: Iterable[str]) -> None:
-        """Start these columns or groups with fresh moments and step counts."""
-        for name in names:
+        """Start these columns or groups with fresh moments and step counts.
+
+        Raises:
+            ValueError: there is no such column or group.
+        """
+        for name in self._known(names):
             self._moments.pop(name, None)
 
     def freeze(self, names: Iterable[str]) -> None:
-        """Stop the optimization of these columns or groups."""
-        self._frozen.update(names)
+        """Stop the optimization of these columns or groups.
+
+        Raises:
+            ValueError: there is no such column or group.
+        """
+        self._frozen.update(self._known(names))
+
+    def _known(self, names: Iterable[str]) -> list[str]:
+        """The same names, which have to be those of columns or groups."""
+        known = [*self._model.columns(), *(group.name for group in self._groups())]
+        names = list(names)
+        for name in names:
+            if name not in known:
+                raise ValueError(f"no column or group {name!r}; there are {', '.join(known)}")
+        return names
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain data."""

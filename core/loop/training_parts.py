@@ -21,6 +21,7 @@ from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings
+from gsfw.core.returns import checked_decode
 from gsfw.core.sampler import Sampler
 from gsfw.core.table import SplatTable
 from gsfw.core.team import Rendering, Team
@@ -89,7 +90,9 @@ class TrainingParts:
     ) -> Rendering:
         """Render ``shown`` at ``time``, with decoded images; all processes of the team do."""
         found = self.team.render(self.shown, self.rasterizer, cameras, settings, time)
-        return replace(found, output=self.shown.decode(found.output, cameras))
+        source = f"{type(self.shown).__name__}.decode"
+        output = checked_decode(source, self.shown.decode(found.output, cameras), len(cameras))
+        return replace(found, output=output)
 
     @property
     def refined(self) -> PrimitiveModel:
