@@ -11,9 +11,10 @@ from torch import Tensor
 
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats, with_axes
+from gsfw.core.maths.spherical_harmonics import rgb_to_dc
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
-from gsfw.core.splats import Splats
+from gsfw.core.splats import Sh, Splats
 
 CHUNK = 1 << 16
 """Rows whose values are checked at once."""
@@ -29,8 +30,10 @@ def snapshot(
 ) -> SplatFile:
     """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU.
 
-    Splats with covariances get quaternions and scales. Rows that are not finite are left out, and
-    counted. Colours may share memory with the model, which is not to be trained on meanwhile.
+    Splats with covariances get quaternions and scales. Three channels that the model does not
+    decode are colours, and become the constant SH coefficient. Rows that are not finite are left
+    out, and counted. Colours may share memory with the model, which is not to be trained on
+    meanwhile.
 
     Args:
         model: source of the splats.
@@ -40,6 +43,8 @@ def snapshot(
         edit: edit of the splats before, in the scene frame; ``None`` for none.
     """
     splats = model.splats(time)
+    if type(model).decode is PrimitiveModel.decode:
+        splats = with_sh(splats)
     splats = splats if edit is None else edit(splats)
     splats = splats.map(Tensor.detach)
     world = transform_splats(replace(splats.to("cpu"), rows=None), scene.world_from_scene)
@@ -52,6 +57,13 @@ def snapshot(
         up=scene.up,
         num_dropped=num_dropped,
     )
+
+
+def with_sh(splats: Splats) -> Splats:
+    """The same splats, with three channels as SH colours of degree 0, which clamps them at 0."""
+    if isinstance(splats.colors, Sh) or splats.channels != 3:
+        return splats
+    return replace(splats, colors=Sh(rgb_to_dc(splats.colors)[:, None], 0))
 
 
 def _finite_rows(splats: Splats) -> Bool[Tensor, " n"]:

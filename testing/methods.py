@@ -23,7 +23,7 @@ from gsfw.plugins.rebuild import rebuild, stored_model
 from gsfw.plugins.registry import PartError
 from gsfw.plugins.restore import restore
 from gsfw.plugins.settings import Layer, resolve
-from gsfw.plugins.snapshot import snapshot
+from gsfw.plugins.snapshot import snapshot, with_sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.stress.case import front_camera
 from gsfw.testing.model_edits import EDITS
@@ -235,7 +235,7 @@ def _export_renders_the_same(subject: Subject) -> None:
     trainer, _ = _trained(subject)
     parts = trainer.parts
     decodes = type(parts.model).decode is not PrimitiveModel.decode
-    before = _splats(parts.model, 0.0)
+    before = with_sh(_splats(parts.model, 0.0))
     if decodes or not isinstance(before.colors, Sh):
         raise NotApplicable("its colours are made after rendering, which no splat file holds")
     taken = snapshot(parts.model, parts.data.scene, False, torch.tensor(0.0))
