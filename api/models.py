@@ -40,7 +40,7 @@ from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.settings import COMMAND_LINE, Layer
 from gsfw.plugins.splat_instant import check_time
 from gsfw.plugins.splat_run import inner_box
-from gsfw.rendering.camera_batches import by_time, in_frame, one_batch
+from gsfw.rendering.camera_batches import in_frame, one_batch
 from gsfw.rendering.paths import PATHS, FilmRule, paths
 
 __all__ = ["Model", "load", "render"]
@@ -175,9 +175,10 @@ class Model:
             joined = at_times(joined, [time] * len(joined))
         settings = self._settings(background, depth)
         with torch.no_grad():
+            # One by one: a camera's splats may depend on it, and on its time.
             outputs = [
-                self._render(joined.select(group), settings, rasterizer)
-                for group in by_time(joined)
+                self._render(joined.select([index]), settings, rasterizer)
+                for index in range(len(joined))
             ]
         output = outputs[0] if len(outputs) == 1 else RenderOutput.cat(outputs)
         if output.depth is None:
@@ -195,7 +196,7 @@ class Model:
         return parts.method.render_settings(replace(settings, background=color, depth=kind), None)
 
     def _render(self, cameras: Cameras, settings: RenderSettings, rasterizer: str) -> RenderOutput:
-        """Render cameras of one time."""
+        """Render one camera."""
         parts = self._composition.parts
         splats = parts.model.splats(None if cameras.time is None else cameras.time[0], cameras)
         backend = parts.rasterizer

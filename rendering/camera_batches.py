@@ -37,19 +37,6 @@ def one_batch(cameras: Cameras | Sequence[Cameras]) -> Cameras:
         ) from None
 
 
-def by_time(cameras: Cameras) -> list[list[int]]:
-    """Indices of neighbouring cameras of one time."""
-    if cameras.time is None:
-        return [list(range(len(cameras)))]
-    times, groups = cameras.time.tolist(), list[list[int]]()
-    for index, time in enumerate(times):
-        if index and time == times[index - 1]:
-            groups[-1].append(index)
-        else:
-            groups.append([index])
-    return groups
-
-
 def in_frame(cameras: Cameras, frame: Similarity) -> Cameras:
     """The cameras in the frame that a similarity leads to, float64, on the CPU."""
     cameras = cameras.to("cpu", torch.float64)

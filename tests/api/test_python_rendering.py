@@ -240,6 +240,19 @@ def test_a_model_and_its_splats_render_the_same_image_and_depth(tmp_path):
     assert not own.color.requires_grad
 
 
+def test_each_camera_of_a_render_has_splats_of_its_own(splat_file, monkeypatch):
+    model = load(splat_file)
+    trained, seen = model._composition.parts.model, []
+
+    def splats(time=None, cameras=None):
+        seen.append(cameras.centers[0])
+        return type(trained).splats(trained, time, cameras)
+
+    monkeypatch.setattr(trained, "splats", splats)
+    model.render(model.cameras()[:3])
+    assert len({tuple(center.tolist()) for center in seen}) == 3
+
+
 def test_wrong_files_are_refused_with_the_remedy(splat_file, tmp_path):
     with pytest.raises(DataError, match=r"no run or splat file .*splats.pyl. Did you mean 'splats"):
         load(tmp_path / "splats.pyl")
