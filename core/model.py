@@ -28,7 +28,8 @@ class PrimitiveModel(nn.Module, ABC):
     """Trained parameters, and their splats at a given time.
 
     A model must have ``columns`` and ``splats``. Density control needs more: see
-    ``DensifiableModel``.
+    ``DensifiableModel``. ``training`` is true from ``Method.prepare`` to the update of each step
+    alone: dropout and noise that depend on it are absent from evaluations, views and exports.
     """
 
     divisible: ClassVar[bool] = True

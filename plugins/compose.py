@@ -298,6 +298,7 @@ def _parts(
     check_built("method", settings.method, model, PrimitiveModel)
     model = model.to(device)
     method.begin(scene, data.views(Split.TRAIN), model)
+    model.eval()  # Steps alone are in training mode.
     check_rows(model)
     groups = corrections.parameter_groups()
     optimizer = Optimizer(model, operators, config.optim.settings(), groups)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import torch
 
+from gsfw.core.callback import Callback, Control, RunInfo
 from gsfw.core.config import MethodConfig
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.resolution import MIN_SIDE, ResolutionSchedule
@@ -91,20 +93,38 @@ def _scene(subject: Subject) -> Changes:
     )
 
 
-def _trained(subject: Subject) -> tuple[Trainer, Losses]:
+class Halfway(Callback):
+    """Keeps the splats that callbacks see at the first checkpoint."""
+
+    splats: tuple[Mapping[str, object], ...] = ()
+    """Those of each of ``TIMES``."""
+
+    def on_start(self, run: RunInfo, control: Control) -> None:
+        """Keep the model."""
+        self._model = run.model
+
+    def on_checkpoint(self, step: int, path: Path) -> None:
+        """Copy the splats."""
+        if step == HALF:
+            shown = (self._model.splats(torch.tensor(time)) for time in TIMES)
+            self.splats = tuple(_flat(splats) for splats in shown)
+
+
+def _trained(subject: Subject) -> tuple[Trainer, Losses, Halfway]:
     """A trained run, which several checks look at."""
 
-    def train() -> tuple[Trainer, Losses]:
-        losses = Losses()
-        trainer = method_trial(subject, "trained", {"checkpoint_every": HALF}).trainer([losses])
+    def train() -> tuple[Trainer, Losses, Halfway]:
+        run = method_trial(subject, "trained", {"checkpoint_every": HALF})
+        losses, halfway = Losses(), Halfway()
+        trainer = run.trainer([losses, halfway])
         trainer.fit()
-        return trainer, losses
+        return trainer, losses, halfway
 
     return subject.once("trained run", train)
 
 
 def _learns(subject: Subject) -> None:
-    _, watched_losses = _trained(subject)
+    _, watched_losses, _ = _trained(subject)
     losses = watched_losses.losses
     # The best turn, since methods with phases may lose what an earlier phase has learned.
     turns = [sum(losses[at : at + EPOCH]) / EPOCH for at in range(0, STEPS, EPOCH)]
@@ -123,9 +143,25 @@ def _resumes(subject: Subject) -> None:
     require_equal_resume(
         run,
         HALF,
+        STEPS,
         "Keep all that changes while training in the columns, parameter groups, buffers or "
         "state_dict of the method; draw random numbers from the given generator alone.",
     )
+
+
+def _is_evaluated_as_restored(subject: Subject) -> None:
+    _, _, halfway = _trained(subject)
+    run = method_trial(subject, "trained", {"checkpoint_every": HALF})
+    model = run.resumed(HALF).parts.model
+    for time, before in zip(TIMES, halfway.splats, strict=True):
+        found = difference(before, _flat(_splats(model, time)))
+        require(
+            not found,
+            f"of the model of step {HALF}, restored, {found} from what evaluations of the run saw "
+            f"(time {time}).",
+            "Add noise and dropout in splats() only while self.training is true: it is in steps "
+            "alone.",
+        )
 
 
 def _uses_the_given_generator(subject: Subject) -> None:
@@ -177,7 +213,7 @@ def _resolution_schedule(subject: Subject) -> None:
 
 
 def _times_are_honoured(subject: Subject) -> None:
-    trainer, _ = _trained(subject)
+    trainer, _, _ = _trained(subject)
     parts = trainer.parts
     if not parts.data.scene.is_dynamic:
         still = [_flat(_splats(parts.model, time)) for time in (None, *TIMES)]
@@ -232,7 +268,7 @@ def _model_file_renders_the_same(subject: Subject) -> None:
 
 
 def _export_renders_the_same(subject: Subject) -> None:
-    trainer, _ = _trained(subject)
+    trainer, _, _ = _trained(subject)
     parts = trainer.parts
     decodes = type(parts.model).decode is not PrimitiveModel.decode
     before = with_sh(_splats(parts.model, 0.0))
@@ -297,6 +333,13 @@ PROMISES = (
         "uses-the-given-generator",
         "Random numbers come from the generators that it is given alone.",
         _uses_the_given_generator,
+        trains=True,
+    ),
+    Promise(
+        "is-evaluated-as-restored",
+        "Evaluations in a run see the splats that its checkpoint gives later, without the noise of "
+        "training.",
+        _is_evaluated_as_restored,
         trains=True,
     ),
     Promise(

@@ -170,6 +170,7 @@ def _resumes(subject: Subject) -> None:
     require_equal_resume(
         run,
         HALF,
+        STEPS,
         "Return all that the refiner gathers in state_dict, and read it in load_state_dict; draw "
         "random numbers from context.generator alone.",
     )

@@ -157,15 +157,15 @@ def difference(first: object, second: object) -> str:
     return next((f"{key} differs" for key in one if not _same(one[key], other[key])), "")
 
 
-def require_equal_resume(run: Trial, at: int, advice: str) -> None:
-    """Require a finished run of ``STEPS``, resumed at an earlier step, to end with the same bits.
+def require_equal_resume(run: Trial, at: int, steps: int, advice: str) -> None:
+    """Require a finished run, resumed at an earlier step, to end with the same bits.
 
     Raises:
         BrokenPromise: it ends with others; names the first.
     """
-    whole = run.state(STEPS)
+    whole = run.state(steps)
     run.resumed(at).fit()
-    found = difference(whole, run.state(STEPS))
+    found = difference(whole, run.state(steps))
     require(not found, f"resumed at step {at}, {found}.", advice)
 
 

@@ -77,11 +77,15 @@ class Update:
         forward = Forward(parts, plan)
         with clock.stage("load"):
             batches = forward.load(parts.team.own(views), coming, step)
-        parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
-        # Every process draws the backgrounds of all batches: their generators stay alike.
-        count = len(views) if parts.team.splits_views else len(batches)
-        settings = forward.settings(step, count)
-        outcome = self._outcome(forward, StepInputs(batches, settings), views, step)
+        parts.model.train()
+        try:
+            parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
+            # Every process draws the backgrounds of all batches: their generators stay alike.
+            count = len(views) if parts.team.splits_views else len(batches)
+            settings = forward.settings(step, count)
+            outcome = self._outcome(forward, StepInputs(batches, settings), views, step)
+        finally:
+            parts.model.eval()
         with clock.stage("refine"):
             self._observe(forward, outcome, views, step)
             parts.optimizer.zero_gradients()

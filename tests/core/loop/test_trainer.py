@@ -238,6 +238,25 @@ def test_a_method_adds_its_own_metrics_and_images_to_the_evaluation(tmp_path):
     assert shapes == [(24, 32, 3)] * 2
 
 
+def test_the_model_is_in_training_mode_in_steps_alone(tmp_path):
+    class Noted(StaticGaussiansMethod):
+        def losses(self, context):
+            training.append(self.model.training)
+            return super().losses(context)
+
+        def view_metrics(self, batch, rendered):
+            evaluated.append(self.model.training)
+            return {}
+
+    training, evaluated = [], []
+    run = trainer(tmp_path, "none", Recorder(), steps=3)
+    method = Noted(StaticGaussiansConfig(sh_degree=1))
+    method.model = run.parts.model
+    with_parts(run, method=method).fit()
+    assert training == [True] * 3
+    assert evaluated == [False] * 2
+
+
 class Looking(Recorder):
     """Looks at the first image of each step, and renders the model from its camera."""
 

@@ -125,6 +125,15 @@ def _drifting(self, time=None, cameras=None):
     return splats if time is None else replace(splats, means=splats.means + time)
 
 
+def _noisy_since_a_step(self, step, model, optimizer, time=None):
+    model.noise = 0.01
+
+
+def _with_noise(self, time=None, cameras=None):
+    splats = StaticGaussians.splats(self, time, cameras)
+    return replace(splats, means=splats.means + getattr(self, "noise", 0.0))
+
+
 def _half_of_the_columns(self, rows, generator=None):
     return dict(list(StaticGaussians.clone_rows(self, rows, generator).items())[:2])
 
@@ -166,6 +175,7 @@ _method("fits-its-contract", losses=_with_another_argument)
 _method("learns", losses=_detached)
 _method("resumes-to-the-same-bits", losses=_weighted_by_a_counter)
 _method("uses-the-given-generator", losses=_noisy)
+_method("is-evaluated-as-restored", {"splats": _with_noise}, prepare=_noisy_since_a_step)
 _method("times-are-honoured", {"splats": _drifting})
 _method("edits-keep-columns", {"clone_rows": _half_of_the_columns})
 _method("opacities-change-as-asked", {"change_opacities_": _changes_nothing})
