@@ -16,6 +16,7 @@ from packaging.version import Version
 
 from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.commands.interface.console import Console
+from gsfw.core.cores import cores
 from gsfw.core.machine_memory import memory_limits
 from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import Registry, installed
@@ -78,7 +79,8 @@ def _versions() -> Iterator[Finding]:
     yield Finding(PROJECT, "ok", metadata.version(PROJECT))
     yield Finding("python", "ok", f"{platform.python_version()} at {sys.executable}")
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
-    yield Finding("machine", "ok", machine)
+    share = "" if cores() == os.cpu_count() else f", of which this process may use {cores()}"
+    yield Finding("machine", "ok", f"{machine}{share}")
     memory = dict.fromkeys(map(str, memory_limits()))
     yield Finding("memory", "ok", "; ".join(memory) or "the system does not tell")
     try:

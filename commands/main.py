@@ -15,6 +15,7 @@ from gsfw.commands.interface.failure import INTERRUPTED, report
 from gsfw.commands.interface.help import main_help
 from gsfw.commands.interface.interrupt import leave_on_signal
 from gsfw.commands.interface.progress import SlowStages
+from gsfw.core.cores import limit_threads
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.progress import shown_by
 from gsfw.parallel.environment import is_follower
@@ -42,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         SystemExit: the program was ended by SIGTERM (143) or SIGHUP (129).
     """
     os.environ.setdefault("GOMP_SPINCOUNT", SPINS)  # Read when torch is loaded.
+    limit_threads()
     # On damaged EXIF, and on large images; important cases have messages of their own.
     warnings.filterwarnings("ignore", module=r"PIL\b")
     tokens = list(sys.argv[1:] if arguments is None else arguments)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from gsfw.commands.interface.execution import (
 from gsfw.commands.interface.following_training import FollowingTraining, read_both
 from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.commands.interface.prepared_data import data_settings, examine, write_dense
+from gsfw.core.cores import cores
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 from gsfw.core.ranges import number
 
@@ -226,7 +226,6 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.writing.image_output import OutputRule
     from gsfw.preparation.writing.written_files import COLMAP, TRANSFORMS
 
-    cores = os.cpu_count() or 1
     rule = PreparationRule(
         frames=options.frames,
         cameras=CameraRule(options.cameras, options.camera_model, options.focal),
@@ -246,7 +245,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
         ),
         output=OutputRule(options.lens, options.jpeg_quality),
         layout=TRANSFORMS if options.layout == TRANSFORMS else COLMAP,
-        jobs=min(options.jobs or cores, cores),
+        jobs=min(options.jobs or cores(), cores()),
     )
     rule.check()
     return rule

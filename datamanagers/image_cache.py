@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from gsfw.core.cores import cores
 from gsfw.datamanagers.images import DecodedImage
 
 
@@ -28,7 +28,7 @@ class ImageCache:
         self._budget = budget
         self._held: OrderedDict[int, Future[DecodedImage]] = OrderedDict()
         self._used = 0
-        self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "gsfw-decode")
+        self._pool = ThreadPoolExecutor(min(4, cores()), "gsfw-decode")
 
     def get(self, index: int) -> DecodedImage:
         """The image, waiting for it to be decoded if need be.

@@ -22,6 +22,7 @@ from threading import Event, Lock, Thread
 import numpy as np
 from jaxtyping import UInt8
 
+from gsfw.core.cores import cores
 from gsfw.core.errors import DataError
 from gsfw.core.files.array_file import read_array
 from gsfw.datamanagers.images import DecodedImage
@@ -172,7 +173,7 @@ class _Shelf:
         closed = Event()
         threads = [
             Thread(target=_work, args=(self.segments, develop, closed), daemon=True)
-            for _ in range(max(1, min(4, (os.cpu_count() or 1) // 2)))
+            for _ in range(max(1, min(4, cores() // 2)))
         ]
         for thread in threads:
             thread.start()

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-
-from gsfw.core.cores import cores
+from gsfw.core.cores import chosen_threads, cores
 from gsfw.jobs.executor import Executor, StartedJob, end_all
 from gsfw.jobs.job import Job, Resources
 from gsfw.jobs.outcome import Outcome
@@ -74,6 +72,4 @@ def threads_per_job(jobs: int) -> int | None:
     """Threads of each of several jobs at a time; ``None`` leaves a single one as it is."""
     if jobs == 1:
         return None
-    text = os.environ.get("OMP_NUM_THREADS", "")
-    available = int(text) if text.isdecimal() and int(text) > 0 else cores()
-    return max(1, available // jobs)
+    return max(1, (chosen_threads() or cores()) // jobs)

@@ -27,7 +27,7 @@ from torch.distributed import (  # type: ignore[attr-defined]
     TCPStore,
 )
 
-from gsfw.core.cores import cores
+from gsfw.core.cores import CHOSEN, chosen_threads, cores
 from gsfw.core.team import Team
 from gsfw.parallel.data_parallel import DataParallel
 from gsfw.parallel.environment import patience, rank, world
@@ -128,9 +128,9 @@ def _threads() -> int:
 
     torchrun sets one thread where the user has set none.
     """
-    given = os.environ.get("OMP_NUM_THREADS", "1")
+    given = chosen_threads() or 1
     on_this_machine = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
-    return int(given) if given != "1" else max(cores() // on_this_machine, 1)
+    return given if given > 1 else max(cores() // on_this_machine, 1)
 
 
 def run_workers(arguments: Sequence[str], processes: int) -> int:
@@ -184,7 +184,7 @@ def _environment(rank: int, processes: int, store: str) -> dict[str, str]:
         "LOCAL_WORLD_SIZE": str(processes),
         "MASTER_ADDR": LOCAL,
         STORE: store,
-        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", str(max(cores() // processes, 1))),
+        CHOSEN: str(chosen_threads() or max(cores() // processes, 1)),
     }
     return found | _on_loopback()
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gsfw.core.cores import cores
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.machine_clock import MachineClock
 from gsfw.core.loop.remaining_time import RemainingTime
@@ -50,7 +50,7 @@ class Measurement:
         remaining = RemainingTime(composition.info(Path()))
         built = self.clock.seconds() - began
         with stage("measuring how long steps take here"):
-            load = seconds_to_load(composition) / min(DECODERS, os.cpu_count() or 1)
+            load = seconds_to_load(composition) / min(DECODERS, cores())
             trial = try_steps(composition, seconds)
         held_out, training = (len(self.data.views(split)) for split in (Split.EVAL, Split.TRAIN))
         return Speed(

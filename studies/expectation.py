@@ -7,7 +7,6 @@ grow depends on the scene: the number is a guess (see ``expected_gaussians``), a
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import torch
 
 from gsfw.core.batch import Batch
+from gsfw.core.cores import cores
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.progress import stage
 from gsfw.core.scene import Scene
@@ -92,7 +92,7 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
     evaluations = 1 + ((plan.steps - 1) // plan.eval_every if plan.eval_every else 0)
     seconds = (
         so_far
-        + images * loading / min(4, os.cpu_count() or 1)
+        + images * loading / min(4, cores())
         + _steps_seconds(composition, first.step, last_step)
         + (evaluations - 1) * (min(held_out, sampled) if sampled else held_out) * view
         # All at the end, and once more for the requirements that are measured then.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +11,7 @@ from typing import NamedTuple
 
 import torch
 
+from gsfw.core.cores import cores
 from gsfw.kernels.cuda.architecture import choose_target
 from gsfw.kernels.cuda.cache import KernelCache, cache_folder
 from gsfw.kernels.cuda.compiler import KernelCompiler
@@ -62,7 +62,7 @@ class CudaLauncher(Launcher):
         missing = [entry for entry in kernels if entry[0] not in self._loaded]
         if len(missing) < 2 or self.device.capturing():
             return
-        with ThreadPoolExecutor(min(len(missing), os.cpu_count() or 1)) as threads:
+        with ThreadPoolExecutor(min(len(missing), cores())) as threads:
             for entry, code in zip(
                 missing, threads.map(self._try_to_compile, missing), strict=True
             ):

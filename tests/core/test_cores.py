@@ -1,5 +1,6 @@
-"""The number of threads."""
+"""Cores that this process may use, and the threads that follow from them."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,17 +8,20 @@ import pytest
 import torch
 
 from gsfw.core import control_groups
-from gsfw.kernels.cpu import threads
+from gsfw.core.cores import affinity, chosen_threads, cores, limit_threads
+from gsfw.jobs.local import threads_per_job
 from gsfw.kernels.cpu.threads import num_threads
+from gsfw.parallel.launch import _environment
 
 
 @pytest.fixture(autouse=True)
-def _fresh_limits() -> Iterator[None]:
+def _fresh_limits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     def forget() -> None:
-        threads._cores.cache_clear()
-        threads._quota.cache_clear()
+        cores.cache_clear()
+        affinity.cache_clear()
 
     forget()
+    monkeypatch.setattr("gsfw.core.cores._LIMITS", set())
     before = torch.get_num_threads()
     yield
     torch.set_num_threads(before)
@@ -92,3 +96,32 @@ def test_quotas_of_version_1_have_a_file_for_each_number(eight_cores):
     write(eight_cores / "cpu/cpu.cfs_period_us", "100000\n")
     torch.set_num_threads(6)
     assert num_threads() == 2
+
+
+def test_jobs_and_processes_share_what_the_quota_allows(eight_cores):
+    write(eight_cores / "cpu.max", "400000 100000\n")
+    assert threads_per_job(2) == 2
+    assert _environment(0, 4, "store")["OMP_NUM_THREADS"] == "1"
+
+
+def test_torch_starts_no_more_threads_than_the_quota_allows(eight_cores, monkeypatch):
+    write(eight_cores / "cpu.max", "400000 100000\n")
+    monkeypatch.setenv("OMP_NUM_THREADS", "")  # Put back after the test.
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    limit_threads()
+    assert os.environ["OMP_NUM_THREADS"] == "4"
+    assert chosen_threads() is None  # Processes of this one still divide the cores.
+    assert _environment(0, 2, "store")["OMP_NUM_THREADS"] == "2"
+
+
+def test_a_number_of_threads_that_the_user_chose_stays(eight_cores, monkeypatch):
+    write(eight_cores / "cpu.max", "400000 100000\n")
+    monkeypatch.setenv("OMP_NUM_THREADS", "6")
+    limit_threads()
+    assert chosen_threads() == 6
+    assert _environment(0, 2, "store")["OMP_NUM_THREADS"] == "6"
+
+
+def test_without_a_quota_the_number_of_threads_is_left_to_torch(eight_cores):
+    limit_threads()
+    assert "OMP_NUM_THREADS" not in os.environ
