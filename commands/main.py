@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from importlib import metadata
+from signal import Signals
 
 from gsfw.commands.interface.arguments import HelpRequested, parse
 from gsfw.commands.interface.console import Console, LoggedWarnings
@@ -15,8 +16,9 @@ from gsfw.commands.interface.failure import INTERRUPTED, report
 from gsfw.commands.interface.help import main_help
 from gsfw.commands.interface.interrupt import leave_on_signal
 from gsfw.commands.interface.progress import SlowStages
+from gsfw.commands.interface.streams import lasting_streams
 from gsfw.core.cores import limit_threads
-from gsfw.core.errors import ConfigError, UserError
+from gsfw.core.errors import ConfigError, EndedBySignal, UserError
 from gsfw.core.progress import shown_by
 from gsfw.parallel.environment import is_follower
 from gsfw.plugins.loading import load
@@ -48,22 +50,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.filterwarnings("ignore", module=r"PIL\b")
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     console = Console(_flag(tokens, "json"))
+    with lasting_streams():
+        return _reported(tokens, console)
+
+
+def _reported(tokens: list[str], console: Console) -> int:
+    """Run one verb, and report how it ends where it does not end well; return the exit code."""
     try:
         with leave_on_signal(), LoggedWarnings(console).shown():
-            code = _run(tokens, console)
+            code = _answer(tokens, console)
         sys.stdout.flush()
         return code
-    except HelpRequested as wanted:
-        console.say(str(wanted))
-        console.result({"help": str(wanted)})
-        return 0
-    except BrokenPipeError:  # The reader (a pager, head) has closed the pipe.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except KeyboardInterrupt:
         if not is_follower():
             sys.stderr.write("\ninterrupted\n")
         return INTERRUPTED
+    except EndedBySignal as ended:
+        if not is_follower():
+            sys.stderr.write(f"\nended by {Signals(ended.code - 128).name}\n")
+        raise
     except Exception as error:
         return report(error, console, _flag(tokens, "debug"))
 
@@ -82,6 +87,16 @@ def _first_word(tokens: list[str]) -> str:
         return next(iter(parse(tokens).words), "")
     except UserError:
         return ""
+
+
+def _answer(tokens: list[str], console: Console) -> int:
+    """Run one verb, or print the help that it was asked for; return the exit code."""
+    try:
+        return _run(tokens, console)
+    except HelpRequested as wanted:
+        console.say(str(wanted))
+        console.result({"help": str(wanted)})
+        return 0
 
 
 def _run(tokens: list[str], console: Console) -> int:

@@ -24,6 +24,8 @@ class EndedBySignal(SystemExit):
     Whoever handles the ``SystemExit`` of a plugin lets this one pass.
     """
 
+    code: int
+
 
 class UserError(Exception):
     """An error that the user can correct: shown as one message without a traceback, exit code 2.

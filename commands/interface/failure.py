@@ -8,7 +8,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -185,7 +185,8 @@ def _record(error: Exception) -> Path | None:
 
 
 def _tell(console: Console, message: str, advice: str) -> None:
-    console.result({"error": message, "advice": advice})
+    with suppress(OSError):  # Standard output may be what has failed.
+        console.result({"error": message, "advice": advice})
     sys.stderr.write(f"error: {message}\n")
     if advice:
         sys.stderr.write(f"{advice}\n")

@@ -7,7 +7,6 @@ ends the program like an error, so that temporary files are removed.
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import threading
@@ -72,7 +71,9 @@ def stop_on_signal(
         name = signal.Signals(number).name
         control.request_stop(f"interrupted by {name}")
         if not is_quiet:
-            _tell("\nstopping after this step, with a checkpoint; once more stops at once\n")
+            sys.stderr.write("\nstopping after this step, with a checkpoint; ")
+            sys.stderr.write("Ctrl-C once more stops at once\n")
+            sys.stderr.flush()
 
     before = {
         number: signal.signal(number, stop)
@@ -85,18 +86,6 @@ def stop_on_signal(
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _tell(text: str) -> None:
-    """Write to standard error; where its terminal is gone, this and all that follows is lost."""
-    try:
-        sys.stderr.write(text)
-        sys.stderr.flush()
-    except OSError:
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        for stream in (1, 2):
-            os.dup2(nothing, stream)
-        os.close(nothing)
 
 
 @contextmanager

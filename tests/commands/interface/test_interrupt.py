@@ -48,9 +48,10 @@ def test_nohup_keeps_a_training_from_the_end_of_its_terminal():
 LEFT_ALONE = """
 import os, signal, sys
 from gsfw.commands.interface.interrupt import stop_on_signal
+from gsfw.commands.interface.streams import lasting_streams
 from gsfw.core.callback import Control
 control = Control()
-with stop_on_signal(control):
+with lasting_streams(), stop_on_signal(control):
     os.read(0, 1)  # Until the terminal is gone.
     signal.raise_signal(signal.SIGHUP)
     print("nobody reads this", flush=True)
