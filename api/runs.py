@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
@@ -262,6 +262,11 @@ class Run:
         with _calling(callbacks, progress) as caller:
             code = resume_run(found, changed, command, caller, clock.perf_counter())
         return _ended(code, Run(self.folder, data=self._data, device=self._device))
+
+    def __reduce__(self) -> tuple[Callable[[], Run], tuple[()]]:
+        """Cross to another process as its folder; the model is read there when it is used."""
+        opened = partial(Run, self.folder, self.checkpoint, data=self._data, device=self._device)
+        return opened, ()
 
     def __repr__(self) -> str:
         done = "finished" if self.is_finished else f"{self.steps} steps done"

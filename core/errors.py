@@ -43,6 +43,20 @@ class UserError(Exception):
         self.message = message
         self.advice = advice
 
+    def __reduce__(self) -> tuple[Callable[..., UserError], tuple[object, ...]]:
+        """Cross to another process with the texts alone, whatever a class is made of.
+
+        An error that does not cross breaks a ``ProcessPoolExecutor``, and is never seen.
+        """
+        return _arrived, (type(self), self.message, self.advice)
+
+
+def _arrived(kind: type[UserError], message: str, advice: str) -> UserError:
+    """An error of another process."""
+    error = kind.__new__(kind)
+    UserError.__init__(error, message, advice)
+    return error
+
 
 class ConfigError(UserError, ValueError):
     """A setting is unknown, has the wrong type, or contradicts another."""

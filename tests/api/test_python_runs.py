@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import pickle
 import random
 import signal
 import threading
@@ -229,3 +230,10 @@ def test_a_moving_model_renders_at_the_times_of_its_cameras(tmp_path):
     for index, time in enumerate((0.0, 0.5, 1.0)):
         alone = run.render(cameras.select([0]), time=time).color
         torch.testing.assert_close(alone[0], together[index])
+
+
+def test_a_run_that_was_used_crosses_to_another_process():
+    run = quick(2)
+    assert run.model.num_gaussians
+    arrived = pickle.loads(pickle.dumps(run))
+    assert (arrived.folder, arrived.metrics) == (run.folder, run.metrics)
