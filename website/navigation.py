@@ -12,7 +12,15 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         "guides": (
             "Guides",
             (
-                *("data", "remote-data", "prepare", "settings", "minutes", "run-outputs"),
+                *(
+                    "data",
+                    "remote-data",
+                    "prepare",
+                    "settings",
+                    "minutes",
+                    "run-outputs",
+                    "production",
+                ),
                 *("viewer", "render", "report", "terminal", "moving-scenes", "dense-start"),
                 *("growth", "requirements", "formats", "level-of-detail", "web", "edit", "mesh"),
                 *("model-file", "python", "existing-code", "studies", "many-machines"),
