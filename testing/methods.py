@@ -101,6 +101,7 @@ class Halfway(Callback):
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Keep the model."""
+        assert run.model is not None  # A run that trains has one.
         self._model = run.model
 
     def on_checkpoint(self, step: int, path: Path) -> None:
