@@ -7,6 +7,7 @@ for a GPU.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
@@ -197,14 +198,15 @@ def checked_figures(source: str, figures: object) -> dict[str, float]:
     advice = (
         'Return a mapping such as {"depth_error": float(error.mean())}; {} where there is none.'
     )
+    plain = {}
     for name, figure in checked_mapping(source, figures, "numbers by name", advice).items():
-        if not isinstance(figure, int | float):
+        if not isinstance(figure, Real):
             raise ConfigError(
                 f"{source} returned {type(figure).__name__} for {name!r}, expected a number.",
                 advice,
             )
-    assert isinstance(figures, Mapping)
-    return dict(figures)
+        plain[name] = figure if isinstance(figure, int | float) else float(figure)
+    return plain
 
 
 def checked_images(source: str, images: object) -> Mapping[str, Tensor]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from support.mixed_model import MixedModel
@@ -230,3 +231,9 @@ def test_render_settings_of_a_wrong_form_are_named_with_their_method():
         checked_settings(method, RenderSettings(), 3)
     message = "method 'mine': render_settings returned NoneType, expected RenderSettings."
     assert caught.value.message == message
+
+
+def test_figures_of_numpy_are_plain_numbers():
+    figures = checked_figures("mine", {"error": np.float32(0.5), "count": 3})
+    assert figures == {"error": 0.5, "count": 3}
+    assert [type(figure) for figure in figures.values()] == [float, int]
