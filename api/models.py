@@ -38,7 +38,7 @@ from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.settings import COMMAND_LINE, Layer
-from gsfw.plugins.splat_instant import check_time
+from gsfw.plugins.splat_instant import check_export_time, check_time
 from gsfw.plugins.splat_run import inner_box
 from gsfw.rendering.camera_batches import in_frame, one_batch
 from gsfw.rendering.paths import PATHS, FilmRule, paths
@@ -106,7 +106,12 @@ class Model:
 
         Args:
             time: in [0, 1]; ``None`` for 0. A static model ignores it.
+
+        Raises:
+            ConfigError: the time is out of range.
         """
+        if time is not None:
+            check_time(time)
         return self._world_splats(time).map(torch.Tensor.float).to(self.device)
 
     def cameras(self, split: Literal["train", "eval"] = "train") -> tuple[Cameras, ...]:
@@ -141,8 +146,10 @@ class Model:
             time: of all frames, in [0, 1], of a dynamic model.
 
         Raises:
-            ConfigError: time is to pass in a static model, or there is no such path.
+            ConfigError: time is to pass in a static model, the time is out of range, or there is no
+                such path.
         """
+        check_time(time)
         _check_choice("camera_path", what, PATHS)
         (path,) = paths(self._composition, what, FilmRule(frames, width=width, time=time))
         return self._in_world(path.cameras)
@@ -168,10 +175,12 @@ class Model:
             rasterizer: name of a backend; auto for the model's own.
 
         Raises:
-            ConfigError: the cameras differ in size, or the rasterizer or background cannot be used.
+            ConfigError: the cameras differ in size, the time is out of range, or the rasterizer or
+                background cannot be used.
         """
         joined = self._in_scene(one_batch(cameras))
         if time is not None:
+            check_time(time)
             joined = at_times(joined, [time] * len(joined))
         settings = self._settings(background, depth)
         with torch.no_grad():
@@ -237,7 +246,7 @@ class Model:
         registry = installed()
         form = format or _format(path, registry)
         exporter = make_exporter(form, registry, options)
-        check_time(time, form, exporter)
+        check_export_time(time, form, exporter)
         source: ExportSource = RunSource(self._restored, time, data_times(self._composition))
         with readable_value_errors(path, form):
             if exporter.holds is Holds.SPLATS:

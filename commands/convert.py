@@ -252,7 +252,7 @@ class _Conversion:
         from gsfw.core.exchange import Holds
         from gsfw.plugins.initial_splats import find_importer
         from gsfw.plugins.run_source import RunSource, data_times
-        from gsfw.plugins.splat_instant import check_time, read_at
+        from gsfw.plugins.splat_instant import check_export_time, read_at
 
         holds, file = self.exporter.holds, self.found.splat_file
         if file is not None and holds not in (Holds.MODEL, Holds.DEPTHS):
@@ -260,7 +260,7 @@ class _Conversion:
                 if holds is Holds.MOTION:
                     moving = find_importer(file, self.registry).read_motion(file)
                     if not moving.is_still:
-                        check_time(self.options.time, self.form, self.exporter)
+                        check_export_time(self.options.time, self.form, self.exporter)
                     return _Input(moving, moving.content if moving.is_still else None)
                 content = read_at(file, self.options.time, self.registry)
             return _Input(content, content)

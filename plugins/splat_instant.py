@@ -12,8 +12,18 @@ from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import Registry
 
 
-def check_time(time: float, form: str, exporter: Exporter) -> None:
-    """Check a time for the splats of a moving model or file.
+def check_time(time: float) -> None:
+    """Check a time of a moving model or file.
+
+    Raises:
+        ConfigError: it is no number in [0, 1].
+    """
+    if not 0 <= time <= 1:
+        raise ConfigError(f"time={time:g}: expected a time in [0, 1].")
+
+
+def check_export_time(time: float, form: str, exporter: Exporter) -> None:
+    """Check a time for the splats of a moving model or file that are to be written.
 
     Args:
         time: as given; 0 for none.
@@ -23,8 +33,7 @@ def check_time(time: float, form: str, exporter: Exporter) -> None:
     Raises:
         ConfigError: it is out of range, or the format holds all times.
     """
-    if not 0 <= time <= 1:
-        raise ConfigError(f"time={time:g}: expected a time in [0, 1].")
+    check_time(time)
     if time and exporter.holds not in (Holds.SPLATS, Holds.DEPTHS):
         raise ConfigError(
             f"time={time:g}: format {form} holds {exporter.holds.value}, at all times.",

@@ -267,6 +267,20 @@ def test_wrong_files_are_refused_with_the_remedy(splat_file, tmp_path):
         render(load(splat_file), load(splat_file).cameras()[0], antialias=True)
 
 
+@pytest.mark.parametrize("time", [2.0, -0.1, math.nan])
+def test_a_time_out_of_range_is_refused_wherever_a_model_takes_one(splat_file, time):
+    model = load(splat_file)
+    cameras = model.cameras()[:1]
+    for ask in (
+        lambda: model.splats(time),
+        lambda: model.render(cameras, time=time),
+        lambda: model.camera_path(frames=3, time=time),
+        lambda: model.save("never.ply", time=time),
+    ):
+        with pytest.raises(ConfigError, match=rf"time={time:g}: expected a time in \[0, 1\]"):
+            ask()
+
+
 def test_a_format_that_cannot_hold_a_model_is_named(splat_file, tmp_path, monkeypatch):
     def write(self, path, source):
         raise ValueError("its rows are many")
