@@ -23,7 +23,8 @@ def describe_unrecognised(path: Path) -> str:
         images = [item for item in files if item.suffix.lower() in EXTENSIONS]
         if images:
             where = "" if folder == path else f" in {folder.name}/"
-            return f"{len(images)} images{where}, but no cameras; {_reconstruct(folder)}"
+            count = f"{len(images)} image{'s' * (len(images) != 1)}"
+            return f"{count}{where}, but no cameras; {_reconstruct(folder)}"
         videos = [item for item in files if item.suffix.lower() in VIDEOS]
         if videos:
             return _video(videos[0])

@@ -11,6 +11,7 @@ from typing import Any
 from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.mirror import local_place
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.initial_splats import refuse_splats
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
@@ -58,7 +59,7 @@ def choose_datamanager(data: str, registry: Registry, most: int | None = None) -
     recognised = [name for name, seen in detections.items() if seen.recognised]
     if not recognised:
         with _readable(path):
-            raise DataError(*_unrecognised(path, detections))
+            raise DataError(*(_run(path) or _unrecognised(path, detections)))
     best = max(recognised, key=lambda name: detections[name].priority)
     others = [name for name in recognised if name != best]
     also = f" (preferred to {', '.join(others)})" if others else ""
@@ -86,6 +87,28 @@ def _check_exists(path: Path) -> None:
             )
         return
     raise DataError(f"data={path}: there is no such file or folder.", what_is_missing(path))
+
+
+def _run(path: Path) -> tuple[str, str] | None:
+    """Message and advice for the folder of a run in place of its data; ``None`` for others."""
+    from gsfw.plugins.config_file import read_config  # It imports this module.
+
+    config = RunFolder(path).config
+    if not config.is_file():
+        return None
+    try:
+        values = read_config(config, everything=True).values
+    except ConfigError:
+        return None
+    if "datamanager" not in values and "method" not in values:
+        return None  # Another program's file.
+    data, reader = values.get("data"), values.get("datamanager")
+    advice = (
+        f"Give the data set that it was trained on: {data}"
+        if data
+        else f"It was trained on datamanager={reader}, without data."
+    )
+    return f"data={path}: this is a run of gsfw, and no data set.", advice
 
 
 def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, str]:

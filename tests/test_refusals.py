@@ -79,8 +79,22 @@ def test_a_folder_of_no_known_format_is_told_what_was_looked_for(refusal, tmp_pa
 def test_photos_without_cameras_are_told_how_to_get_them_in_the_first_line(refusal, tmp_path):
     write_image(tmp_path / "photos" / "one.png")
     said = [line for line in refusal(f"data={tmp_path / 'photos'}").splitlines() if "data=" in line]
-    assert "Found 1 images, but no cameras; compute them with gsfw prepare " in said[0]
+    assert "Found 1 image, but no cameras; compute them with gsfw prepare " in said[0]
     assert said[0].endswith("out=DIR, and give that folder.")
+
+
+def test_a_run_in_place_of_a_data_set_is_told_its_data_set(refusal, colmap, tmp_path):
+    run = tmp_path / "trained"
+    run.mkdir()
+    write_image(run / "requirements.png")
+    (run / "config.yaml").write_text(f"schema: 1\nmethod: 3dgs\ndata: {colmap}\n")
+    said = refusal(f"data={run}")
+    assert f"data={run}: this is a run of gsfw, and no data set." in said
+    assert f"Give the data set that it was trained on: {colmap}" in said
+    (run / "config.yaml").write_text("schema: 1\ndata: ''\ndatamanager: synthetic\n")
+    assert "It was trained on datamanager=synthetic, without data." in refusal(f"data={run}")
+    (run / "config.yaml").write_text("resolution: 3\n")
+    assert "Found 1 image, but no cameras" in refusal(f"data={run}")
 
 
 def test_a_colmap_model_without_images_is_refused(refusal, colmap):
