@@ -127,7 +127,8 @@ def write_splats(trainer: Trainer, console: Console) -> int:
     Leaves out rows that are not finite or too faint to be seen; the checkpoint holds all.
 
     Returns:
-        Number of rows that are too faint (opacity below 1/255).
+        Number of rows that the file lacks because they are too faint (opacity below 1/255); 0 if
+        none was written.
     """
     parts = trainer.parts
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
@@ -138,6 +139,7 @@ def write_splats(trainer: Trainer, console: Console) -> int:
             exporter.write(trainer.folder.splats, content)
     except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
+        return 0
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
     return invisible

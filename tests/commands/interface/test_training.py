@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from gsfw.commands.interface import training
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
@@ -76,9 +77,11 @@ def test_a_model_that_no_ply_can_hold_is_no_failure_of_the_run(out, capsys, monk
         raise ValueError("means: row 3 is too large")
 
     monkeypatch.setattr(PlyExporter, "write", fail)
+    monkeypatch.setattr(training, "without_invisible", lambda taken: (taken, 7))
     assert main(["train", *SMALL, f"out={out}"]) == 0
     said = capsys.readouterr()
     assert "warning: no splats.ply was written: means: row 3 is too large" in said.err
+    assert "too faint to be seen" not in said.out
     assert "done: 3dgs on synthetic, 2 steps" in said.out
 
 
