@@ -14,7 +14,11 @@ from gsfw.commands.interface.execution import (
     cpu_resources_of,
     executor_of,
 )
-from gsfw.commands.interface.following_training import FollowingTraining, read_both
+from gsfw.commands.interface.following_training import (
+    FollowingTraining,
+    method_for_motion,
+    read_both,
+)
 from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.commands.interface.prepared_data import data_settings, examine, write_dense
 from gsfw.core.cores import cores
@@ -95,7 +99,8 @@ class PrepareOptions(CpuExecutionOptions):
     """Quality of JPEG files that are encoded again."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
     """colmap, transforms (keeps times of a video's frames, for scenes that move), or auto:
-    transforms for a data set with times or depths, else colmap."""
+    transforms for a data set with times or depths, or for videos where the method to train
+    afterwards is for scenes that move; else colmap."""
     dense: bool = False
     """Also write dense.ply: points of all surfaces, found as init=dense does, for other tools."""
     jobs: int = number(0, at_least=0)
@@ -112,12 +117,13 @@ def run(tokens: list[str]) -> int:
     options, following = read_both("prepare", PrepareOptions, tokens)
     inputs = _inputs(options)
     _check_colmap()
-    place, rule = _place(options, inputs), _rule(options)
     cpu_resources_of(options)
 
     from gsfw.commands.interface.console import Console
 
     console = Console(options.json or (following is not None and parse(following).flag("json")))
+    options = _with_times(options, inputs, following, console)
+    place, rule = _place(options, inputs), _rule(options)
     for path in inputs:
         _check_exists(path)
     with interrupted_once(STOPPING), place.claimed(inputs):
@@ -129,6 +135,24 @@ def run(tokens: list[str]) -> int:
         return _train(console, place.path, document, following)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
+
+
+def _with_times(
+    options: PrepareOptions,
+    inputs: tuple[Path, ...],
+    following: Sequence[str] | None,
+    console: Console,
+) -> PrepareOptions:
+    """The options; with the layout that keeps times of videos, if the training needs them."""
+    from gsfw.datamanagers.video import is_video
+
+    if following is None or options.layout != "auto" or not all(map(is_video, inputs)):
+        return options
+    method = method_for_motion(following)
+    if not method:
+        return options
+    console.say(f"layout=transforms: it keeps the times of frames, which method {method} needs")
+    return replace(options, layout="transforms")
 
 
 def _train(console: Console, data: Path, document: Mapping[str, Any], words: Sequence[str]) -> int:

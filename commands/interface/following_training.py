@@ -118,6 +118,21 @@ def _check(arguments: Arguments, of_prepare: set[str]) -> None:
         raise ConfigError(error.message, f"{error.advice}\n{BEFORE}".strip()) from None
 
 
+def method_for_motion(words: Sequence[str]) -> str:
+    """The method of words for ``gsfw train`` if it trains on images with times alone; else empty.
+
+    Raises:
+        ConfigError: a file of settings cannot be read, or there is no such method.
+    """
+    from gsfw.plugins.registry import installed
+
+    named = [layer.values["method"] for layer in layers(parse(words)) if "method" in layer.values]
+    if not named:
+        return ""
+    spec = installed().find("method", str(named[-1]))
+    return spec.name if "dynamic" in spec.tags and "static" not in spec.tags else ""
+
+
 def _given(arguments: Arguments) -> set[str]:
     """Keys of settings that were typed, or are in a file that was typed as ``config=FILE``.
 

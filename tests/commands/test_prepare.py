@@ -18,6 +18,7 @@ from gsfw.commands.interface.arguments import parse
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.point_file import read_points
@@ -140,6 +141,32 @@ def test_another_setting_repeats_only_what_depends_on_it(prepared, photos, capsy
 def test_the_layout_is_that_of_computed_cameras_too(layout):
     options = prepare.PrepareOptions(inputs=("walk.mp4",), layout=layout)
     assert prepare._rule(options).layout == ("transforms" if layout == "transforms" else "colmap")
+
+
+@pytest.mark.parametrize(
+    ("words", "layout"),
+    [
+        ("walk.mp4 train=true method=4dgs", "transforms"),
+        ("walk.mp4 layout=colmap train=true method=4dgs", "colmap"),
+        ("walk.mp4 train=true method=3dgs", "colmap"),
+        ("walk.mp4 train=true", "colmap"),
+        ("walk.mp4 photos train=true method=4dgs", "colmap"),
+    ],
+)
+def test_times_of_videos_are_kept_for_a_method_that_trains_on_them(
+    tmp_path, monkeypatch, capsys, words, layout
+):
+    def document(console, options, inputs, place, rule):
+        raise DataError(f"the layout is {rule.layout}")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(prepare, "_document", document)
+    (tmp_path / "walk.mp4").touch()
+    captured.write(tmp_path / "photos", [np.full((48, 64, 3), 128, np.uint8)], ".jpg")
+    assert main(["prepare", "out=scene", *words.split()]) == 2
+    said = capsys.readouterr()
+    assert f"the layout is {layout}" in said.err
+    assert ("layout=transforms: " in said.out) == (layout == "transforms")
 
 
 @pytest.mark.slow
