@@ -13,6 +13,7 @@ from gsfw.core.files.remote import is_remote
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.determinism import differences, environment
 from gsfw.core.loop.run_folder import RunFolder, fitting_state, read_checkpoint
+from gsfw.core.part_state import load_part
 from gsfw.core.progress import stage
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
@@ -87,7 +88,7 @@ def restore(
         state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
     with fitting_state(str(folder.path)):
-        composition.parts.model.load_state_dict(state["model"])
+        load_part(composition.parts.model, state["model"])
         composition.parts.corrections.load_state(state)
     return Restored(folder, composition, state)
 

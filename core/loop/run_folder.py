@@ -276,16 +276,29 @@ def fitting_state(what: str) -> Iterator[None]:
     """
     import torch
 
+    from gsfw.core.part_state import LOADING_ERRORS, UnfitStateError
+
     try:
         yield
     except (UserError, torch.OutOfMemoryError):
         raise
-    except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        problem = " ".join(str(error).split())[:200]
-        raise DataError(
-            f"the checkpoint of {what} does not fit the run: {type(error).__name__}: {problem}.",
+    except LOADING_ERRORS as error:
+        if isinstance(error, UnfitStateError):
+            said, package = str(error), error.package
+        else:
+            said, package = f"{type(error).__name__}: {error}", ""
+        advice = (
             "It is damaged, or of another run; give an earlier one, such as "
-            "RUN/checkpoints/step_N.pt.",
+            "RUN/checkpoints/step_N.pt."
+        )
+        if package:
+            advice += (
+                f" Or {package} has changed since: the run's config.yaml names the version "
+                "that trained it."
+            )
+        problem = " ".join(said.split())[:240].rstrip(".")
+        raise DataError(
+            f"the checkpoint of {what} does not fit the run: {problem}.", advice
         ) from error
 
 

@@ -34,6 +34,7 @@ from gsfw.core.loop.verdict import Verdict
 from gsfw.core.loop.walk import Walk
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
+from gsfw.core.part_state import load_part
 from gsfw.core.progress import stage
 from gsfw.core.refiner import RESET, GrowthLimits, Refinement
 
@@ -376,12 +377,12 @@ class Trainer:
         """Continue from a checkpoint of any device."""
         parts = self.parts
         state = parts.team.own_state(state, parts)
-        parts.model.load_state_dict(state["model"])
+        load_part(parts.model, state["model"])
         parts.corrections.load_state(state)
-        parts.optimizer.load_state_dict(state["optimizer"])
+        load_part(parts.optimizer, state["optimizer"])
         parts.refiners.load_state_dict(moved(state["refiners"], parts.device))
-        parts.sampler.load_state_dict(moved(state["sampler"], parts.device))
-        parts.method.load_state_dict(moved(state["method"], parts.device))
+        load_part(parts.sampler, moved(state["sampler"], parts.device))
+        load_part(parts.method, moved(state["method"], parts.device))
         if state["environment"]["device"] == parts.device.type:
             parts.generator.set_state(state["generator"].cpu())
         else:  # Generators of different devices have states of different kinds.

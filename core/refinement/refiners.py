@@ -15,6 +15,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
+from gsfw.core.part_state import load_part
 from gsfw.core.refiner import RESET, GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, Statistic
@@ -169,4 +170,4 @@ class Refiners:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from ``state``; a refiner without a state starts anew."""
         for refiner in self:
-            refiner.load_state_dict(state.get(refiner.name, {}))
+            load_part(refiner, state.get(refiner.name, {}))

@@ -7,6 +7,7 @@ import torch
 
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.samplers.uniform import UniformSampler
 
 ABSENT = object()
 
@@ -31,7 +32,7 @@ def change(run, key, value):
     ("key", "value", "words"),
     [
         ("model", ABSENT, "does not fit the run: KeyError: 'model'."),
-        ("model", [1, 2], "does not fit the run: TypeError"),
+        ("model", [1, 2], "StaticGaussians cannot take its state: TypeError"),
         ("model", {"means": torch.zeros(3)}, "does not fit the run: "),
         ("corrections", 3, "does not fit the run: "),
         ("step", "x", "is a damaged checkpoint: its step is 'x'."),
@@ -61,3 +62,28 @@ def test_a_state_that_does_not_fit_is_not_resumed(run, capsys, key, value):
     change(run, key, value)
     assert main(["resume", str(run.path), "steps=24"]) == 2
     assert "does not fit the run: " in capsys.readouterr().err
+
+
+def test_a_plugin_part_that_reads_its_state_wrongly_is_named_with_its_package(
+    run, capsys, monkeypatch
+):
+    def load_state_dict(self, state):
+        state["counts"]
+
+    monkeypatch.setattr(UniformSampler, "load_state_dict", load_state_dict)
+    monkeypatch.setattr(UniformSampler, "__module__", "gsfw_dots.sampler")
+    assert main(["resume", str(run.path), "steps=24"]) == 2
+    said = capsys.readouterr().err
+    assert "run: UniformSampler of gsfw_dots cannot take its state: KeyError: 'counts'." in said
+    assert "It is damaged, or of another run;" in said
+    assert "Or gsfw_dots has changed since: the run's config.yaml names the version" in said
+
+
+def test_a_module_that_a_model_has_got_since_is_named(run, capsys):
+    state = torch.load(run.latest_checkpoint(), weights_only=True)["model"]
+    state.popitem()
+    change(run, "model", state)
+    assert main(["eval", str(run.path)]) == 2
+    said = capsys.readouterr().err
+    assert "cannot take its state: RuntimeError: " in said
+    assert "has changed since" not in said, "it is no plugin's"
