@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -37,7 +38,7 @@ class CoarseOptions:
 
     steps: int = number(500, at_least=0)
     """Steps of the coarse model; 0: no coarse model, blocks start from their points."""
-    downscale: float = number(2.0, at_least=1)
+    downscale: float = number(2.0, at_least=1, below=math.inf)
     """Downscaling of its images, on top of that of the blocks."""
     points: int = number(500_000, at_least=1)
     """Maximum number of its initial points; it does not grow."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -34,7 +35,7 @@ class InfoOptions(Options):
     """A data set, if it must not be taken for anything else."""
     format: str = AUTO
     """Format of the data set: auto, or the name of a datamanager that gsfw plugins lists."""
-    downscale: float = number(1.0, at_least=1)
+    downscale: float = number(1.0, at_least=1, below=math.inf)
     """Factor by which a data set's images would be shrunk."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -63,7 +64,7 @@ class RenderOptions(RunOptions, DetailOptions):
     """Number of frames of each film. None: 60, or as the file of a camera path says."""
     fps: int | None = None
     """Frames per second of the films. None: 20, or as the file of a camera path says."""
-    scale: float = number(1.0, above=0)
+    scale: float = number(1.0, above=0, below=math.inf)
     """Size of the frames of films, relative to the images the run was trained on."""
     width: int = number(0, at_least=0)
     """Width of the frames of films in pixels, of one eye of stereo, in place of scale. 0: by
@@ -75,7 +76,7 @@ class RenderOptions(RunOptions, DetailOptions):
     file of a camera path: of gsfw's viewer, nerfstudio's camera_path.json, or a transforms.json."""
     projection: Literal["camera", "stereo", "panorama"] = "camera"
     """camera: one image; stereo: two eyes, side by side; panorama: for 360-degree players."""
-    eye_distance: float = number(0.0, at_least=0)
+    eye_distance: float = number(0.0, at_least=0, below=math.inf)
     """Distance between the eyes of stereo, in scene units. 0: 1/30 of the viewing distance."""
     tracks: bool = False
     """Draw the paths of some Gaussians over the last frames, where time passes."""

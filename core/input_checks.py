@@ -54,6 +54,19 @@ def check_splats(splats: Splats) -> None:
         raise ValueError("splats: give either quats and scales, or covariances")
     _check_shapes(splats)
     _check_types(_tensors_of_splats(splats), splats.means)
+    _check_rows(splats)
+
+
+def _check_rows(splats: Splats) -> None:
+    rows = splats.rows
+    if rows is None:
+        return
+    if not isinstance(rows, Tensor) or rows.dtype != torch.int64:
+        found = rows.dtype if isinstance(rows, Tensor) else type(rows).__name__
+        raise ValueError(f"splats.rows: expected a tensor of torch.int64, found {found}")
+    _check_shape("splats.rows", rows, (len(splats),))
+    if rows.device != splats.means.device:
+        raise ValueError(f"splats.rows: expected device {splats.means.device}, found {rows.device}")
 
 
 def _check_types(named: Mapping[str, Tensor], like: Tensor) -> None:
@@ -81,12 +94,18 @@ def _tensors_of_view(cameras: Cameras, settings: RenderSettings) -> dict[str, Te
 
 
 def check_tensors(splats: Splats) -> None:
-    """Check that all fields are tensors.
+    """Check that all fields are tensors, and that none is missing.
 
     Raises:
         ValueError: one is of another type; names it.
     """
-    for name, value in splats.tensors().items():
+    colors = splats.colors
+    needed = {
+        "means": splats.means,
+        "opacities": splats.opacities,
+        "colors": colors.coefficients if isinstance(colors, Sh) else colors,
+    }
+    for name, value in (needed | splats.tensors()).items():
         if not isinstance(value, Tensor):
             raise ValueError(
                 f"splats.{name}: expected a torch tensor, found {type(value).__name__}; "
@@ -104,7 +123,7 @@ def _check_contribution_weights(
 
 
 def _check_shapes(splats: Splats) -> None:
-    n = len(splats)
+    n = len(splats) if splats.means.dim() else ANY
     expected = {
         "means": (n, 3),
         "opacities": (n,),

@@ -6,7 +6,7 @@ for a GPU.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -86,11 +86,9 @@ def checked_splats(source: str, splats: object, num_rows: int) -> Splats:
         check_splats(splats)
     except ValueError as error:
         raise ConfigError(f"{source} returned splats of a wrong form: {error}.", advice) from error
-    rows = num_rows if splats.rows is None else len(splats.rows)
-    if len(splats) != rows:
-        listed = "rows" if splats.rows is None else "entries in Splats.rows"
+    if splats.rows is None and len(splats) != num_rows:
         raise ConfigError(
-            f"{source} returned {len(splats)} splats for {rows} {listed}.",
+            f"{source} returned {len(splats)} splats for {num_rows} rows.",
             "Name the model's row of each splat: Splats(..., rows=rows), with rows [n] of int64.",
         )
     return splats
@@ -109,7 +107,13 @@ def checked_groups(source: str, model: PrimitiveModel) -> None:
     """
     advice = 'Such as ParameterGroup("net", tuple(self.net.parameters()), LearningRate(1e-3)).'
     names = list(model.columns())
-    for group in model.parameter_groups():
+    groups: object = model.parameter_groups()
+    if not isinstance(groups, Iterable):
+        raise ConfigError(
+            f"{source} returned {type(groups).__name__}, expected a tuple of ParameterGroup.",
+            "Return () where there is none.",
+        )
+    for group in groups:
         if not isinstance(group, ParameterGroup):
             raise ConfigError(
                 f"{source} returned {type(group).__name__}, expected a ParameterGroup.", advice
@@ -123,6 +127,13 @@ def checked_groups(source: str, model: PrimitiveModel) -> None:
                 raise ConfigError(
                     f"{source} returned {type(value).__name__} as {field} of {group.name!r}, "
                     f"expected {wanted}.",
+                    advice,
+                )
+        for tensor in group.parameters:
+            if not isinstance(tensor, Tensor):
+                raise ConfigError(
+                    f"{source} returned {type(tensor).__name__} among the parameters of "
+                    f"{group.name!r}, expected tensors.",
                     advice,
                 )
         if group.name in names:
@@ -146,8 +157,8 @@ def untrained_notes(model: PrimitiveModel) -> tuple[str, ...]:
     if not names:
         return ()
     return (
-        f"not trained: {', '.join(names)} of {type(model).__name__}, in no column and no parameter "
-        "group. Return them in parameter_groups(), or call requires_grad_(False).",
+        f"not trained by gsfw: {', '.join(names)} of {type(model).__name__}, in no column and no "
+        "parameter group. Return them in parameter_groups(), or call requires_grad_(False).",
     )
 
 
@@ -167,6 +178,11 @@ def checked_decode(source: str, output: object, cameras: int) -> RenderOutput:
         raise ConfigError(
             f"{source} returned {type(output).__name__}, expected RenderOutput.", advice
         )
+    for name, tensor in (("color", output.color), ("alpha", output.alpha)):
+        if not isinstance(tensor, Tensor):
+            raise ConfigError(
+                f"{source} returned {type(tensor).__name__} as {name}, expected a tensor.", advice
+            )
     expected, found = [cameras, *output.alpha.shape[1:3], 3], list(output.color.shape)
     if found != expected:
         raise ConfigError(f"{source} returned color of shape {found}, expected {expected}.", advice)

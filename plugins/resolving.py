@@ -184,17 +184,13 @@ class Resolving:
                 continue
             if key in known:
                 self._set(known[key], value, layer.source)
-            elif not self._is_of_another_part(layer, key):
+            elif layer.rank == Rank.STRATEGY:  # Made for methods that have it.
+                self._notes.append(
+                    f"{layer.source}: {key}={as_text(value)}, which method {self._method.name} "
+                    "does not have."
+                )
+            elif layer.source == COMMAND_LINE or not self._is_of_another_callback(key):
                 raise self._unknown(key, layer.source, known)
-
-    def _is_of_another_part(self, layer: Layer, key: str) -> bool:
-        """True for a setting of a callback that is not installed, or of another method.
-
-        A strategy recommends settings of the methods that it was made for; others lack them.
-        """
-        if layer.rank == Rank.STRATEGY:
-            return True
-        return layer.source != COMMAND_LINE and self._is_of_another_callback(key)
 
     def _is_of_another_callback(self, key: str) -> bool:
         """True if a setting belongs to a callback that is not installed; it changes no result."""

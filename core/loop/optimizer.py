@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float64
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout
+from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
@@ -232,7 +233,7 @@ class Optimizer:
         """Start these columns or groups with fresh moments and step counts.
 
         Raises:
-            ValueError: there is no such column or group.
+            ConfigError: there is no such column or group.
         """
         for name in self._known(names):
             self._moments.pop(name, None)
@@ -241,17 +242,21 @@ class Optimizer:
         """Stop the optimization of these columns or groups.
 
         Raises:
-            ValueError: there is no such column or group.
+            ConfigError: there is no such column or group.
         """
         self._frozen.update(self._known(names))
 
     def _known(self, names: Iterable[str]) -> list[str]:
         """The same names, which have to be those of columns or groups."""
         known = [*self._model.columns(), *(group.name for group in self._groups())]
-        names = list(names)
+        names = [names] if isinstance(names, str) else list(names)
         for name in names:
             if name not in known:
-                raise ValueError(f"no column or group {name!r}; there are {', '.join(known)}")
+                raise ConfigError(
+                    f"the optimizer was asked to freeze or reset {name!r}, which is no column and "
+                    "no parameter group of the model.",
+                    f"There are {', '.join(known)}.",
+                )
         return names
 
     def state_dict(self) -> dict[str, Any]:

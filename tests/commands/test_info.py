@@ -152,6 +152,6 @@ def test_a_damaged_splat_file_and_a_wrong_factor_are_refused(tmp_path, capsys):
     path = tmp_path / "a.ply"
     path.write_bytes(b"ply\nnothing")
     assert "is a damaged PLY: its header does not end." in refusal(capsys, path)
-    assert "downscale=0.5: expected a number of at least 1." in refusal(
+    assert "downscale=0.5: expected a finite number of at least 1." in refusal(
         capsys, "format=synthetic", "downscale=0.5"
     )

@@ -365,7 +365,7 @@ def test_another_background_is_behind_the_scene(finished_run, tmp_path):
         ("what=views projection=stereo", "views are compared with photos, which have one image"),
         ("what=time camera=a.json", "what=time camera=a.json: the file has the whole path"),
         ("background=green", "background=green: expected white, black, auto, or three numbers"),
-        ("eye_distance=-1", "eye_distance=-1: expected a number of at least 0"),
+        ("eye_distance=-1", "eye_distance=-1: expected a finite number of at least 0"),
         ("tracks=true what=spiral", "nothing moves there"),
         (
             "tracks=true channel=depth",

@@ -129,7 +129,18 @@ def test_splats_of_a_wrong_form_are_named_with_their_model():
             replace(splats, opacities=flat)
         ),
         "returned 2 splats for 4 rows.": replace(some, rows=None),
-        "returned 2 splats for 1 entries in Splats.rows.": replace(some, rows=some.rows[:1]),
+        "returned splats of a wrong form: splats.rows: expected shape [2], found [1].": replace(
+            some, rows=some.rows[:1]
+        ),
+        "returned splats of a wrong form: splats.rows: expected a tensor of torch.int64, found "
+        "torch.float32.": replace(some, rows=some.rows.float()),
+        "returned splats of a wrong form: splats.opacities: expected a torch tensor, found "
+        "NoneType; torch.as_tensor makes one.": replace(splats, opacities=None),
+        "returned splats of a wrong form: splats.colors: expected a torch tensor, found "
+        "NoneType; torch.as_tensor makes one.": replace(splats, colors=None),
+        "returned splats of a wrong form: splats.means: expected shape [any, 3], found [].": (
+            replace(splats, means=torch.zeros(()))
+        ),
     }
     for message, found in wrong.items():
         with pytest.raises(ConfigError) as caught:
@@ -170,6 +181,8 @@ def test_a_decoded_render_of_a_wrong_form_is_named():
     assert checked_decode("Mine.decode", sound, 1) is sound
     with pytest.raises(ConfigError, match="returned NoneType, expected RenderOutput"):
         checked_decode("Mine.decode", None, 1)
+    with pytest.raises(ConfigError, match="returned NoneType as color, expected a tensor"):
+        checked_decode("Mine.decode", replace(sound, color=None), 1)
     gray = replace(sound, color=sound.alpha)
     with pytest.raises(
         ConfigError, match=r"color of shape \[1, 3, 4, 1\], expected \[1, 3, 4, 3\]"
@@ -181,24 +194,29 @@ def test_a_decoded_render_of_a_wrong_form_is_named():
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        (lambda: ("net", ()), "returned tuple, expected a ParameterGroup."),
+        (lambda: None, "returned NoneType, expected a tuple of ParameterGroup."),
+        (lambda: [("net", ())], "returned tuple, expected a ParameterGroup."),
         (
-            lambda: ParameterGroup("net", (x for x in ()), LearningRate(0.1)),
+            lambda: [ParameterGroup("net", (("weight", torch.ones(1)),), LearningRate(0.1))],
+            "returned tuple among the parameters of 'net', expected tensors.",
+        ),
+        (
+            lambda: [ParameterGroup("net", (x for x in ()), LearningRate(0.1))],
             "returned generator as parameters of 'net', expected tuple.",
         ),
         (
-            lambda: ParameterGroup("net", (), 0.1),
+            lambda: [ParameterGroup("net", (), 0.1)],
             "returned float as learning_rate of 'net', expected LearningRate.",
         ),
         (
-            lambda: ParameterGroup("dense", (), LearningRate(0.1)),
+            lambda: [ParameterGroup("dense", (), LearningRate(0.1))],
             "returned two groups, or a group and a column, of name 'dense'.",
         ),
     ],
 )
 def test_parameter_groups_of_a_wrong_form_are_named(group, message):
     model = MixedModel(3)
-    model.parameter_groups = lambda: (group(),)
+    model.parameter_groups = group
     with pytest.raises(ConfigError) as caught:
         Optimizer(model, Operators(), OptimizerSettings())
     assert caught.value.message == f"MixedModel.parameter_groups {message}"
@@ -210,14 +228,14 @@ def test_parameters_that_nothing_trains_are_listed():
     model.forgotten = torch.nn.Linear(2, 1, bias=False)
     model.fixed = torch.nn.Linear(2, 1).requires_grad_(False)
     (note,) = untrained_notes(model)
-    assert note.startswith("not trained: forgotten.weight of MixedModel, in no column")
+    assert note.startswith("not trained by gsfw: forgotten.weight of MixedModel, in no column")
 
 
 def test_freezing_or_resetting_a_column_that_is_not_there_is_refused():
     optimizer = Optimizer(MixedModel(3), Operators(), OptimizerSettings())
     for call in (optimizer.freeze, optimizer.reset):
         with pytest.raises(
-            ValueError, match=r"no column or group 'mean'; there are dense, .*network"
+            ConfigError, match=r"(?s)'mean', which is no column .*There are dense, .*network"
         ):
             call(["mean"])
 

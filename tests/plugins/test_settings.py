@@ -90,13 +90,15 @@ def test_a_choice_brings_what_it_recommends_and_the_user_wins():
     assert settings().config.antialias is False
 
 
-def test_what_a_strategy_recommends_of_other_methods_is_left_out(monkeypatch):
+def test_what_a_strategy_recommends_of_other_methods_is_left_out_with_a_note(monkeypatch):
     kind = type(settings(strategy="mcmc").config.strategy)
     recommended = {**kind.recommended, "init_of_another_method": 0.5}
     monkeypatch.setattr(kind, "recommended", recommended)
     found = settings(strategy="mcmc")
     assert found.config.antialias is True
     assert "init_of_another_method" not in found.flat()
+    said = "recommended by strategy mcmc: init_of_another_method=0.5, which method "
+    assert any(note.startswith(said) for note in found.notes)
 
 
 def test_a_method_may_bring_a_configured_strategy_of_its_own():
