@@ -1,4 +1,4 @@
-"""Standard streams of a command that goes on where nobody reads what it prints."""
+"""Standard streams of a command that continues if nobody reads its output."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class _Unread(io.FileIO):
 
 @contextmanager
 def lasting_streams() -> Iterator[None]:
-    """Let work go on without its readers: results are in files, and messages in a run's log.
+    """Let work continue without readers: results are in files, and messages in a run's log.
 
     A pipe or a terminal that is gone loses the text of both streams. A full disk loses that of
     standard error alone: standard output may be a JSON document that somebody relies on. A stream
@@ -45,29 +45,27 @@ def lasting_streams() -> Iterator[None]:
         if getattr(sys, name) is None:
             handle = os.open(os.devnull, os.O_RDWR)  # The lowest free number, which is this one.
             setattr(sys, name, os.fdopen(handle, mode, closefd=handle != number))
-    before = sys.stdout, sys.stderr
-    with _lasting(sys.stdout, UNREAD) as output, _lasting(sys.stderr, None) as messages:
-        sys.stdout, sys.stderr = output, messages
-        try:
-            yield
-        finally:
-            sys.stdout, sys.stderr = before
+    with _lasting("stdout", UNREAD), _lasting("stderr", None):
+        yield
 
 
 @contextmanager
-def _lasting(stream: TextIO, lost: tuple[int, ...] | None) -> Iterator[TextIO]:
-    """The same stream, whose text is lost at some errors; unchanged where it is no plain file."""
+def _lasting(name: str, lost: tuple[int, ...] | None) -> Iterator[None]:
+    """Let a stream lose its text at some errors; unchanged where it is no plain file."""
+    stream: TextIO = getattr(sys, name)
     buffer = getattr(stream, "buffer", None)  # With PYTHONUNBUFFERED it is the file itself.
     if type(getattr(buffer, "raw", buffer)) is not io.FileIO:
-        yield stream  # A capture of a test, or a console of Windows.
+        yield  # A capture of a test, or a console of Windows.
         return
     stream.flush()
     raw = _Unread(stream.fileno(), "w", closefd=False)
     raw.lost = lost
     writer = io.BufferedWriter(raw)
     text = io.TextIOWrapper(writer, stream.encoding, stream.errors, line_buffering=True)
+    setattr(sys, name, text)
     try:
-        yield text
+        yield
     finally:
+        setattr(sys, name, stream)
         raw.lost = None  # What could not be written so far has been reported.
         text.close()
