@@ -45,7 +45,7 @@ class ModelOptions(RunOptions):
     views: int = number(16, at_least=1)
     """Maximum number of held-out views for the accuracy, evenly spread."""
     repeats: int = number(5, at_least=1)
-    """Number of times that every variant is rendered to measure its speed."""
+    """Rounds of rendering in which the speed of every variant is measured."""
     target: Target = field(default_factory=Target)
     """Bounds that the recommended variant must reach."""
     budget: Budget = field(default_factory=Budget)

@@ -64,7 +64,7 @@ class TrainingOptions(ExecutionOptions):
     """Runs at a time, which share the cores; 0: two, where there are two cores and no GPU; with
     executor=ray as many as the cluster has resources for."""
     repeats: int = number(5, at_least=1)
-    """Number of times that every variant is rendered to measure its speed."""
+    """Rounds of rendering in which the speed of every variant is measured."""
     out: str = ""
     """Folder of the runs and of tradeoff.json, .csv and .png. Empty: runs/tradeoffs/DATA."""
 
