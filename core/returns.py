@@ -67,13 +67,13 @@ def checked_mapping(source: str, found: object, expected: str, advice: str) -> M
     return found
 
 
-def checked_splats(source: str, splats: object, num_rows: int) -> Splats:
+def checked_splats(source: str, splats: object, num_rows: int | None) -> Splats:
     """The splats that a model returned.
 
     Args:
         source: the class and the call, such as "MyModel.splats".
         splats: the result of the call.
-        num_rows: rows of the model.
+        num_rows: rows of the model; ``None`` where splats need not be one for each row.
 
     Raises:
         ConfigError: they are no ``Splats``, a field has a wrong form, or rows are missing that
@@ -86,7 +86,7 @@ def checked_splats(source: str, splats: object, num_rows: int) -> Splats:
         check_splats(splats)
     except ValueError as error:
         raise ConfigError(f"{source} returned splats of a wrong form: {error}.", advice) from error
-    if splats.rows is None and len(splats) != num_rows:
+    if num_rows is not None and splats.rows is None and len(splats) != num_rows:
         raise ConfigError(
             f"{source} returned {len(splats)} splats for {num_rows} rows.",
             "Name the model's row of each splat: Splats(..., rows=rows), with rows [n] of int64.",

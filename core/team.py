@@ -129,7 +129,9 @@ class Team:
     ) -> Rendering:
         """Render a model at ``time``; its images are not decoded."""
         found = model.splats(time, cameras)
-        splats = checked_splats(f"{type(model).__name__}.splats", found, model.num_rows)
+        # Gradients and statistics are by row; what is only drawn may be a cut of a tree.
+        rows = model.num_rows if torch.is_grad_enabled() else None
+        splats = checked_splats(f"{type(model).__name__}.splats", found, rows)
         output = rasterizer.render(splats, cameras, settings)
         return Rendering(output, splats, [RenderedPart(splats, output.statistics)])
 

@@ -40,6 +40,12 @@ def test_the_views_it_was_trained_on_can_be_evaluated_too(run, capsys):
     assert (RunFolder(run).evaluations / "step_000000020_train.json").is_file()
 
 
+def test_a_budget_draws_fewer_gaussians_than_the_model_has_rows(run, capsys):
+    assert main(["eval", str(run), "budget=50", "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["psnr"] < json.loads(RunFolder(run).summary.read_text())["psnr"]
+
+
 def test_the_figures_are_printed_where_the_run_cannot_be_written_to(run, capsys):
     shutil.rmtree(run / "eval")
     (run / "eval").write_text("in the place of the folder")
