@@ -109,8 +109,8 @@ class PrepareOptions(CpuExecutionOptions):
     again: bool = False
     """Repeat all stages, including those that are finished."""
     train: bool = False
-    """Train afterwards, into OUT/run; settings after train=true are for gsfw train, so that
-    minutes=3 are those of the training."""
+    """Train afterwards, into OUT/run; settings after it are for gsfw train (minutes: of
+    training)."""
 
 
 def run(tokens: list[str]) -> int:
