@@ -2,16 +2,20 @@
 
 Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. SIGTERM, and
 SIGHUP at the end of a terminal, end it after its step, however often they come. Elsewhere a signal
-ends the program like an error, so that temporary files are removed.
+ends the program like an error, so that temporary files are removed; during an import it waits for
+the end of the import.
 """
 
 from __future__ import annotations
 
+import _thread
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -26,6 +30,11 @@ ENDING = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr
 
 SIGNALS = (signal.SIGINT, *ENDING)
 """Signals that end a run after its step."""
+
+AGAIN = 0.05
+"""Seconds until a signal that cannot end the program yet is tried again."""
+
+Handler = Callable[[int, FrameType | None], None]
 
 
 @dataclass
@@ -71,9 +80,7 @@ def stop_on_signal(
         name = signal.Signals(number).name
         control.request_stop(f"interrupted by {name}")
         if not is_quiet:
-            sys.stderr.write("\nstopping after this step, with a checkpoint; ")
-            sys.stderr.write("Ctrl-C once more stops at once\n")
-            sys.stderr.flush()
+            _say("\nstopping after this step, with a checkpoint; Ctrl-C once more stops at once\n")
 
     before = {
         number: signal.signal(number, stop)
@@ -99,13 +106,13 @@ def interrupted_once(text: str) -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         if not interrupt.received:
             interrupt.received = True
-            sys.stderr.write(f"\n{text}\n")
+            _say(f"\n{text}\n")
             raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, stop)
+    before = signal.signal(signal.SIGINT, _after_imports(stop))
     try:
         yield
     finally:
@@ -114,21 +121,92 @@ def interrupted_once(text: str) -> Iterator[None]:
 
 @contextmanager
 def leave_on_signal() -> Iterator[None]:
-    """Raise ``EndedBySignal`` with 128 + its number at each signal that ends a program.
+    """Raise an exception at each signal that ends a program.
 
-    By default Python would end immediately, without removing temporary files.
+    It is ``KeyboardInterrupt`` at SIGINT, else ``EndedBySignal`` with 128 + the number. By default
+    Python would end immediately, without removing temporary files.
     """
 
     def leave(number: int, frame: FrameType | None) -> None:
-        raise EndedBySignal(128 + number)
+        raise KeyboardInterrupt if number == signal.SIGINT else EndedBySignal(128 + number)
 
     before = {}
     if threading.current_thread() is threading.main_thread():  # Other threads cannot set handlers.
-        for number in ENDING:
-            if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP.
-                before[number] = signal.signal(number, leave)
+        for number in SIGNALS:
+            # nohup ignores SIGHUP, and a shell SIGINT for what it starts in the background.
+            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                before[number] = signal.signal(number, _after_imports(leave))
     try:
-        yield
+        with _destructors_interruptible():
+            yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _after_imports(handler: Handler) -> Handler:
+    """A handler that waits until the imports that a signal interrupts have ended.
+
+    Modules swallow the exceptions of what they import, and numpy and torch can be imported only
+    once: an exception would be lost, or become another one.
+    """
+    outer = _imports(sys._getframe())
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if _imports(frame) <= outer or not _repeat(number):
+            handler(number, frame)
+
+    return handle
+
+
+def _imports(frame: FrameType | None) -> int:
+    """Number of frames of Python's import system below and including a frame."""
+    count = 0
+    while frame is not None:
+        count += frame.f_code.co_filename.startswith("<frozen importlib")
+        frame = frame.f_back
+    return count
+
+
+def _repeat(number: int) -> bool:
+    """Send this process a signal again after a while; false if that is impossible."""
+
+    def send() -> None:
+        time.sleep(AGAIN)
+        _thread.interrupt_main(signal.Signals(number))
+
+    try:
+        _thread.start_new_thread(send, ())  # The locks of ``threading`` may be held.
+    except RuntimeError:  # The system allows no more threads.
+        return False
+    return True
+
+
+@contextmanager
+def _destructors_interruptible() -> Iterator[None]:
+    """Repeat a signal whose exception is lost in a destructor or another callback of Python."""
+    before = sys.unraisablehook
+
+    def report(lost: sys.UnraisableHookArgs) -> None:
+        if isinstance(lost.exc_value, KeyboardInterrupt):
+            _repeat(signal.SIGINT)
+        elif isinstance(lost.exc_value, EndedBySignal):
+            _repeat(lost.exc_value.code - 128)
+        else:
+            before(lost)
+
+    sys.unraisablehook = report
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _say(text: str) -> None:
+    """Print a text from a handler, which may have interrupted a write to the same stream."""
+    try:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    except RuntimeError:  # The buffer is in use.
+        with suppress(OSError):
+            os.write(2, text.encode())

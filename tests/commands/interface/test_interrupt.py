@@ -1,10 +1,13 @@
 """Tests of gsfw.commands.interface.interrupt."""
 
+import io
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
+from importlib import import_module
 
 import pytest
 
@@ -77,6 +80,97 @@ def test_afterwards_signals_are_handled_as_before():
     with stop_on_signal(Control()):
         assert signal.getsignal(signal.SIGTERM) is not before
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_signal_in_the_midst_of_a_message_is_told_all_the_same(capfd, monkeypatch):
+    class Interrupted(io.FileIO):
+        def write(self, data):
+            if control.stop_reason is None:
+                signal.raise_signal(signal.SIGTERM)
+            return super().write(data)
+
+    control = Control()
+    stream = io.TextIOWrapper(io.BufferedWriter(Interrupted(2, "w", closefd=False)))
+    monkeypatch.setattr("sys.stderr", stream)
+    with stop_on_signal(control):
+        stream.write("a line\n")
+        stream.flush()
+    assert control.stop_reason == "interrupted by SIGTERM"
+    said = capfd.readouterr().err
+    assert "a line\n" in said
+    assert "stopping after this step" in said
+
+
+SWALLOWING = """
+import os, signal
+try:
+    os.kill(os.getpid(), signal.{name})
+    for _ in range(1000):
+        pass
+except BaseException:
+    pass
+IMPORTED = True
+"""
+"""A module that does with exceptions what numpy and torch do."""
+
+
+@pytest.mark.parametrize(
+    ("number", "end"),
+    [
+        *((number, leave_on_signal) for number in SIGNALS),
+        (signal.SIGINT, lambda: interrupted_once("stopping")),
+    ],
+)
+def test_a_signal_during_an_import_ends_the_program_after_it(number, end, tmp_path, monkeypatch):
+    name = tmp_path.name
+    (tmp_path / f"{name}.py").write_text(SWALLOWING.format(name=number.name))
+    monkeypatch.syspath_prepend(tmp_path)
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with pytest.raises((KeyboardInterrupt, SystemExit)) as caught, end():
+            time.sleep(5 if import_module(name) else 0)
+    finally:
+        signal.signal(number, before)
+    assert sys.modules[name].IMPORTED
+    if number != signal.SIGINT:
+        assert caught.value.code == 128 + number
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_in_a_destructor_ends_the_program_after_it(number, capsys):
+    class Thing:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with pytest.raises((KeyboardInterrupt, SystemExit)), leave_on_signal():
+            time.sleep(5 if Thing() else 0)
+    finally:
+        signal.signal(number, before)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows sends no signals to single processes")
+def test_ctrl_c_while_the_program_loads_prints_no_traceback(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(LOADING)
+    process = subprocess.run(
+        [sys.executable, "-m", "gsfw", "--version"], capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+    )  # fmt: skip
+    assert (process.returncode, process.stderr) == (-signal.SIGINT, "")
+
+
+LOADING = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # Whoever runs the tests may ignore it.
+class Finder:
+    def find_spec(name, path=None, target=None):
+        if name == "gsfw.plugins.registry":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder)
+"""
+"""Sends Ctrl-C as soon as the command line is being loaded."""
 
 
 @pytest.mark.parametrize("number", ENDING)
