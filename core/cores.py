@@ -10,8 +10,8 @@ from gsfw.core.control_groups import ControlGroup, control_groups
 
 CHOSEN = "OMP_NUM_THREADS"
 """Environment variable by which a user chooses the number of threads; torch reads it too."""
-_LIMITS = set[str]()
-"""Values of that variable that are of this program and not of the user."""
+LIMITED = "GSFW_LIMITED_THREADS"
+"""Value of that variable that is of this program and not of the user; processes inherit both."""
 
 
 @lru_cache(maxsize=1)
@@ -32,7 +32,7 @@ def affinity() -> int:
 def chosen_threads() -> int | None:
     """Threads that the user chose with ``OMP_NUM_THREADS``; ``None`` without a valid choice."""
     text = os.environ.get(CHOSEN, "")
-    is_choice = text.isdecimal() and int(text) > 0 and text not in _LIMITS
+    is_choice = text.isdecimal() and int(text) > 0 and text != os.environ.get(LIMITED)
     return int(text) if is_choice else None
 
 
@@ -43,8 +43,7 @@ def limit_threads() -> None:
     all of them for the rest of a period once their time is used up. A user's choice stays.
     """
     if CHOSEN not in os.environ and cores() < affinity():
-        os.environ[CHOSEN] = str(cores())
-        _LIMITS.add(str(cores()))
+        os.environ[CHOSEN] = os.environ[LIMITED] = str(cores())
 
 
 def _quota_of(group: ControlGroup) -> int | None:

@@ -1,6 +1,8 @@
 """Cores that this process may use, and the threads that follow from them."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import pytest
 import torch
 
 from gsfw.core import control_groups
-from gsfw.core.cores import affinity, chosen_threads, cores, limit_threads
+from gsfw.core.cores import CHOSEN, LIMITED, affinity, chosen_threads, cores, limit_threads
 from gsfw.jobs.local import threads_per_job
 from gsfw.kernels.cpu.threads import num_threads
 from gsfw.parallel.launch import _environment
@@ -21,7 +23,9 @@ def _fresh_limits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         affinity.cache_clear()
 
     forget()
-    monkeypatch.setattr("gsfw.core.cores._LIMITS", set())
+    for name in (CHOSEN, LIMITED):
+        monkeypatch.setenv(name, "")  # Put back after the test.
+        monkeypatch.delenv(name)
     before = torch.get_num_threads()
     yield
     torch.set_num_threads(before)
@@ -34,7 +38,6 @@ def eight_cores(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)), raising=False)
     monkeypatch.setattr(control_groups, "MOUNTED", tmp_path)
     monkeypatch.setattr(control_groups, "MEMBERSHIP", tmp_path / "membership")
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     (tmp_path / "membership").write_text("0::/work/mine\n")
     return tmp_path
 
@@ -104,14 +107,21 @@ def test_jobs_and_processes_share_what_the_quota_allows(eight_cores):
     assert _environment(0, 4, "store")["OMP_NUM_THREADS"] == "1"
 
 
-def test_torch_starts_no_more_threads_than_the_quota_allows(eight_cores, monkeypatch):
+def test_torch_starts_no_more_threads_than_the_quota_allows(eight_cores):
     write(eight_cores / "cpu.max", "400000 100000\n")
-    monkeypatch.setenv("OMP_NUM_THREADS", "")  # Put back after the test.
-    monkeypatch.delenv("OMP_NUM_THREADS")
     limit_threads()
     assert os.environ["OMP_NUM_THREADS"] == "4"
     assert chosen_threads() is None  # Processes of this one still divide the cores.
     assert _environment(0, 2, "store")["OMP_NUM_THREADS"] == "2"
+
+
+def test_a_process_does_not_take_the_limit_of_its_parent_for_a_choice(eight_cores):
+    write(eight_cores / "cpu.max", "400000 100000\n")
+    limit_threads()
+    asks = [sys.executable, "-c", "import gsfw.core.cores as c; print(c.chosen_threads())"]
+    assert subprocess.check_output(asks, text=True) == "None\n"
+    chosen = os.environ | {"OMP_NUM_THREADS": "2"}
+    assert subprocess.check_output(asks, text=True, env=chosen) == "2\n"
 
 
 def test_a_number_of_threads_that_the_user_chose_stays(eight_cores, monkeypatch):
