@@ -219,16 +219,18 @@ def _check_colmap() -> None:
 
 
 def _check_exists(path: Path) -> None:
-    """Check that an input exists, and is no splats, whose images would be taken for photos.
+    """Check that an input exists, and is no run or splats, whose images would be taken for photos.
 
     Raises:
-        DataError: it does not; names the nearest path. Or it is splats.
+        DataError: it does not; names the nearest path. Or it is a run or splats.
     """
+    from gsfw.plugins.automatic import refuse_run
     from gsfw.plugins.initial_splats import refuse_splats
     from gsfw.plugins.registry import installed, what_is_missing
 
     if not path.exists():
         raise DataError(f"{path}: there is no such file or folder.", what_is_missing(path))
+    refuse_run(path, str(path), "folder of photos")
     refuse_splats(path, installed())
 
 
@@ -263,11 +265,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
             overlap=options.overlap,
             vocabulary=Path(options.vocabulary) if options.vocabulary else None,
         ),
-        mapping=MappingRule(
-            mapper=options.mapper,
-            refine_focal=options.refine_focal,
-            refine_principal_point=options.refine_principal_point,
-        ),
+        mapping=MappingRule(options.mapper, options.refine_focal, options.refine_principal_point),
         output=OutputRule(options.lens, options.jpeg_quality),
         layout=TRANSFORMS if options.layout == TRANSFORMS else COLMAP,
         jobs=min(options.jobs or cores(), cores()),

@@ -58,8 +58,9 @@ def choose_datamanager(data: str, registry: Registry, most: int | None = None) -
         detections = ask_all("datamanager", registry, lambda kind: kind.detect(path))
     recognised = [name for name, seen in detections.items() if seen.recognised]
     if not recognised:
+        refuse_run(path, f"data={path}", "data set")
         with _readable(path):
-            raise DataError(*(_run(path) or _unrecognised(path, detections)))
+            raise DataError(*_unrecognised(path, detections))
     best = max(recognised, key=lambda name: detections[name].priority)
     others = [name for name in recognised if name != best]
     also = f" (preferred to {', '.join(others)})" if others else ""
@@ -89,26 +90,33 @@ def _check_exists(path: Path) -> None:
     raise DataError(f"data={path}: there is no such file or folder.", what_is_missing(path))
 
 
-def _run(path: Path) -> tuple[str, str] | None:
-    """Message and advice for the folder of a run in place of its data; ``None`` for others."""
+def refuse_run(path: Path, named: str, wanted: str) -> None:
+    """Refuse the folder of a run in place of images; anything else passes.
+
+    Args:
+        path: a file or folder.
+        named: words of the user that name it.
+        wanted: what it stands in place of.
+
+    Raises:
+        DataError: it is a run; names the data that it was trained on.
+    """
     from gsfw.plugins.config_file import read_config  # It imports this module.
 
     config = RunFolder(path).config
-    if not config.is_file():
-        return None
     try:
-        values = read_config(config, everything=True).values
-    except ConfigError:
-        return None
+        values = read_config(config, everything=True).values if config.is_file() else {}
+    except (ConfigError, OSError):
+        return
     if "datamanager" not in values and "method" not in values:
-        return None  # Another program's file.
+        return  # Another program's file.
     data, reader = values.get("data"), values.get("datamanager")
-    advice = (
+    raise DataError(
+        f"{named}: this is a run of gsfw, and no {wanted}.",
         f"Give the data set that it was trained on: {data}"
         if data
-        else f"It was trained on datamanager={reader}, without data."
+        else f"It was trained on datamanager={reader}, without data.",
     )
-    return f"data={path}: this is a run of gsfw, and no data set.", advice
 
 
 def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, str]:

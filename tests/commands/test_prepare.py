@@ -236,6 +236,17 @@ def test_pictures_that_show_nothing_will_not_train(tmp_path, capsys):
     assert size_of(tmp_path / "out" / "prepare.png")[0] == 1200
 
 
+def test_a_run_is_not_taken_for_photos(tmp_path, capsys):
+    run, out = tmp_path / "trained", tmp_path / "scene"
+    captured.write(run / "eval", captured.photos(captured.arc(2)))
+    (run / "config.yaml").write_text("schema: 1\nmethod: 3dgs\ndata: the/garden\n")
+    assert main(["prepare", str(run), f"out={out}"]) == 2
+    said = capsys.readouterr().err
+    assert f"{run}: this is a run of gsfw, and no folder of photos." in said
+    assert "Give the data set that it was trained on: the/garden" in said
+    assert not out.exists()
+
+
 def test_a_vocabulary_is_looked_at_before_anything_is_computed(tmp_path, capsys):
     captured.write(tmp_path / "a", [np.full((48, 64, 3), 128, np.uint8)], ".jpg")
     (tmp_path / "words.bin").write_text("no vocabulary")
