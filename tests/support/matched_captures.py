@@ -63,6 +63,7 @@ def matched_capture(
     linked: Callable[[int, int], bool] = lambda first, second: True,
     noise: float = NOISE,
     seed: int = 0,
+    width: int = 1024,
 ) -> MatchedCapture:
     """Make one in a new file.
 
@@ -73,6 +74,7 @@ def matched_capture(
         linked: whether two images have matches.
         noise: pixels.
         seed: of points, cameras and noise.
+        width: of the images in pixels, with the same view.
     """
     path = folder / "database.db"
     pycolmap.set_random_seed(seed)
@@ -80,6 +82,8 @@ def matched_capture(
     options.num_rigs = 1
     options.num_frames_per_rig = images
     options.num_points3D = points
+    options.camera_width, options.camera_height = width, width * 3 // 4
+    options.camera_params = [1.25 * width, width / 2, options.camera_height / 2, 0.05]
     added = pycolmap.SyntheticNoiseOptions()
     added.point2D_stddev = noise
     database = pycolmap.Database.open(path)

@@ -259,7 +259,7 @@ def figures(**changes: object) -> ModelFigures:
         tracks=TrackFigures(6.0, 0.2, 15.0, 5.0, 0.0, 0.1),
         baselines=BaselineFigures(2.0, 0.1, 6.0, 3.0),
         cameras=(camera,),
-        stretch=Stretch(0.1, 1.0, 1000),
+        stretch=Stretch(0.1, 1.0, 0.5, 1000),
     )
     return replace(usual, **changes)
 
@@ -308,7 +308,7 @@ def test_short_tracks_are_told():
 
 
 def test_images_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter():
-    (finding,) = found_in(figures(stretch=Stretch(0.8, 30.0, 1000)))
+    (finding,) = found_in(figures(stretch=Stretch(0.8, 30.0, 0.5, 1000)))
     assert finding.kind == "rolling shutter"
     assert finding.found == (
         "Images are stretched by 0.8 pixels at their edges (median), each in another way, 30 "
