@@ -7,6 +7,7 @@ reserved, of which torch has gigabytes, and the system refuses what is beyond th
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -83,6 +84,12 @@ class MachineMemory:
 def machine_memory() -> MachineMemory | None:
     """The tightest limit of this process; ``None`` where the system does not tell (Windows)."""
     return min(memory_limits(), key=lambda memory: memory.room + memory.swap, default=None)
+
+
+def free_memory() -> float:
+    """Bytes of main memory that no process has; infinite where the system does not tell."""
+    memory = machine_memory()
+    return math.inf if memory is None else float(memory.free)
 
 
 def process_memory() -> MachineMemory | None:

@@ -17,6 +17,7 @@ from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
 from gsfw.core.progress import stage
 from gsfw.core.words import rough_duration
+from gsfw.core.words import size as byte_size
 from gsfw.preparation.blur import ImageBlur
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
@@ -45,6 +46,10 @@ MEGAPIXEL_SECONDS, FINEST_SECONDS = 0.45, 0.75
 """Seconds of one core to find features on a million of the remaining pixels, and the finest."""
 MEGAPIXEL_FEATURES, FINEST_FEATURES = 2500.0, 3500.0
 """As many are found there: 2,200 and 3,600 in photos of fox."""
+PROCESS_BYTES, DECODED_BYTES, SEARCHED_BYTES = 320e6, 6, 320
+"""Memory of a process that looks for the finest features: its own, for each pixel of the file, and
+for each pixel that is left. Measured: 962 MB for 12 million pixels, 1150 MB for 48 million (both on
+1600 x 1200), 2707 MB for 12 million on 3200 x 2400, of which 306 MB are its own."""
 PAIR_SECONDS = 0.094
 """Seconds of one core to match 4000 features with 4000; grows with the square."""
 MAPPING_SECONDS = 0.3
@@ -128,11 +133,11 @@ class FeatureSettings:
             UnavailableError: no machine has the resources of a job.
         """
         check_wanted(size, count)
-        jobs = max(1, min(cores, len(images.images)))
         choices = [
-            FeatureSettings(size or usual_size, count or usual_count, jobs, thorough)
+            FeatureSettings(size or usual_size, count or usual_count, thorough=thorough)
             for usual_size, usual_count in SIZES
         ]
+        choices = [dataclasses.replace(one, jobs=one._jobs(images, cores)) for one in choices]
         chosen = next(
             (one for one in choices if sum(one.seconds(images, cores)) <= LONG), choices[-1]
         )
@@ -141,18 +146,38 @@ class FeatureSettings:
     def _how(self, images: ImageSet, cores: int, machines: Machines | None) -> str:
         """The sentence about settings and about the time that these cores take."""
         number = len(images.images)
-        jobs = max(1, min(cores, number))
+        jobs = max(1, min(cores, number)) if machines is not None else self.jobs
         finding, matching = dataclasses.replace(self, jobs=jobs).seconds(images, cores)
         closely = ", the finest too," if self.thorough else ","
         with_what = f"{cores} core{'s' if cores > 1 else ''}"
         if machines is not None:
             with_what += " of the cluster"
+        elif jobs < min(cores, number):
+            with_what += (
+                f" (features: {jobs}, as each needs {byte_size(self.process_bytes(images))})"
+            )
         return (
             f"features: at most {self.count} in {_each(number)}, on up to "
             f"{self.max_size} pixels{closely} with {with_what}: about "
             f"{rough_duration(finding)}, then about {rough_duration(matching)} for matching and "
             f"{rough_duration(MAPPING_SECONDS * number)} for the cameras."
         )
+
+    def _jobs(self, images: ImageSet, cores: int) -> int:
+        """As many processes as there are cores, images, and memory for all of them."""
+        from gsfw.core.machine_memory import free_memory
+
+        fitting = int(min(cores, free_memory() // self.process_bytes(images)))
+        return max(1, min(fitting, len(images.images)))
+
+    def process_bytes(self, images: ImageSet) -> int:
+        """Memory of a process that looks for features of the largest image."""
+        pixels, searched = 0.0, 0.0
+        for header in (image.header for image in images.images):
+            scale = min(1.0, self.max_size / max(header.width, header.height))
+            pixels = max(pixels, header.width * header.height)
+            searched = max(searched, header.width * header.height * scale**2)
+        return round(PROCESS_BYTES + DECODED_BYTES * pixels + SEARCHED_BYTES * searched)
 
     def seconds(self, images: ImageSet, cores: int) -> tuple[float, float]:
         """About how long finding and matching take."""

@@ -7,18 +7,21 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
+from gsfw.core.machine_memory import free_memory
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 MEMORY = 2_000_000_000
-"""Bytes that all images that are worked on may take."""
+"""Bytes that all images that are worked on may take, if there are as many."""
 BYTES_PER_PIXEL = 40
 """Peak memory of undistorting, 34 measured at 12 megapixels, with the decoded image."""
 
 
 def workers_for(pixels: int, jobs: int) -> int:
     """Number of images of ``pixels`` pixels to process at a time, at most ``jobs``."""
-    return max(1, min(jobs, MEMORY // (BYTES_PER_PIXEL * max(pixels, 1))))
+    memory = min(MEMORY, free_memory())
+    return max(1, min(jobs, int(memory // (BYTES_PER_PIXEL * max(pixels, 1)))))
 
 
 def in_order(

@@ -108,6 +108,17 @@ class Interrupting:
             raise KeyboardInterrupt
 
 
+GB = 1_000_000_000
+
+
+@pytest.mark.parametrize(("free", "jobs"), [(64 * GB, 8), (4.5 * GB, 4), (0.2 * GB, 1)])
+def test_no_more_processes_look_for_features_than_memory_has_room_for(monkeypatch, free, jobs):
+    monkeypatch.setattr("gsfw.core.machine_memory.free_memory", lambda: free)
+    settings, how = FeatureSettings.for_machine(imagined(50), 8, None, None)
+    assert settings.jobs == jobs
+    assert (f"8 cores (features: {jobs}, as each needs 1.0 GB)" in how) == (jobs < 8)
+
+
 def test_keypoints_of_a_shrunk_image_lie_where_those_of_the_whole_one_do(tmp_path):
     # Twice as large an image of the same thing, with other sizes along x and y after shrinking.
     small = texture(240, 161)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gsfw.preparation.writing import worker_threads
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
 
 
@@ -36,7 +37,10 @@ def test_an_error_comes_where_its_result_would_have():
         next(results)
 
 
-def test_large_images_are_worked_on_one_at_a_time():
+def test_large_images_are_worked_on_one_at_a_time(monkeypatch):
+    monkeypatch.setattr(worker_threads, "free_memory", lambda: 8e9)
     assert workers_for(100_000_000, 8) == 1
     assert workers_for(12_000_000, 8) == 4
     assert workers_for(12_000_000, 2) == 2
+    monkeypatch.setattr(worker_threads, "free_memory", lambda: 1e9)
+    assert workers_for(12_000_000, 8) == 2
