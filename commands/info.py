@@ -47,13 +47,17 @@ def run(arguments: list[str]) -> int:
     load_torch()
 
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.run_description import run_text
     from gsfw.core.progress import stage
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
     with stage("reading"):
         document = _describe(options, installed(), console)
-    console.table(["", ""], _rows(document), _title(document))
+    if document["kind"] == "run":
+        console.say(run_text(document))
+    else:
+        console.table(["", ""], _rows(document), _title(document))
     console.result(document)
     return 0
 

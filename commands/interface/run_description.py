@@ -1,10 +1,12 @@
-"""Description of a run as plain data for `gsfw info`; reads files and builds nothing."""
+"""Description of a run for `gsfw info`, as plain data and as text; it builds nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from gsfw.commands.interface.summary import Row, file_rows, next_rows, run_rows, summary_text
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import read_config
 from gsfw.reports.run_reader import read_run
@@ -18,6 +20,9 @@ REQUIRED = (
     *("left_out", "could_go"),
 )
 """The shown entries of requirements.json, which has more."""
+
+FIGURES = {"views", "render_ms", "num_gaussians", "steps", "train_seconds", "model_bytes"}
+"""Figures that the summary of a run has."""
 
 
 def describe_run(folder: RunFolder) -> dict[str, Any]:
@@ -60,3 +65,54 @@ def _metrics(record: RunRecord) -> Mapping[str, Any]:
     for line in record.log:
         last |= line
     return {key: value for key, value in last.items() if not key.startswith(("lr/", "loss/"))}
+
+
+def run_text(document: Mapping[str, Any]) -> str:
+    """The document of a run as a table for people, without what they seldom need.
+
+    Args:
+        document: as ``describe_run`` gives it.
+    """
+    folder = RunFolder(Path(document["path"]))
+    record = read_run(folder)
+    if record.is_finished:
+        state = f"finished after {document['steps_done']:,} steps"
+    else:
+        steps = document["steps"]
+        of = f" of {steps:,}" if isinstance(steps, int) else ""
+        state = f"not finished: {document['steps_done']:,}{of} steps"
+    if record.summary.keys() >= FIGURES:
+        headline = document.get("requirements", {}).get("headline") or ""
+        figures = run_rows(record.summary, record.metrics, headline)
+        findings = record.summary.get("findings") or []
+        figures += [Row("finding", item["message"]) for item in findings]
+    else:  # The last line of a log, or the summary of an early version.
+        figures = [
+            Row(key.replace("_", " "), f"{value:,.6g}")
+            for key, value in document["metrics"].items()
+            if isinstance(value, int | float)
+        ]
+    following = ("view", "eval") if record.is_finished else ("resume",)
+    files = [*file_rows(folder), *_checkpoint_rows(document["checkpoints"])]
+    title = f"{folder.path}: run, {state}"
+    groups = [_setting_rows(document), figures, [*files, *next_rows(str(folder.path), following)]]
+    return summary_text(title, *(rows for rows in groups if rows))
+
+
+def _setting_rows(document: Mapping[str, Any]) -> list[Row]:
+    """Settings that distinguish runs, and the installation and the command that made this one."""
+    given = {key: str(document[key]) for key in SHOWN if document[key] not in (None, "")}
+    data = given.pop("data", "-")
+    rows = [Row("data", data, f"format {given.pop('datamanager', '-')}")]
+    rows += [Row(key, value) for key, value in given.items()]
+    made = dict(document["made_by"])
+    command = made.pop("command line", "")
+    rows.append(Row("made by", ", ".join(f"{key} {value}" for key, value in made.items() if value)))
+    return [*rows, Row("command", str(command))] if command else rows
+
+
+def _checkpoint_rows(checkpoints: list[dict[str, Any]]) -> list[Row]:
+    if not checkpoints:
+        return [Row("checkpoints", "none")]
+    last = checkpoints[-1]
+    return [Row("checkpoints", str(len(checkpoints)), f"the last after {last['step']:,} steps")]

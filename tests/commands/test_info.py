@@ -75,6 +75,26 @@ def test_a_run_is_described(run, capsys):
     assert "next" not in found
 
 
+def test_people_get_a_run_as_its_settings_figures_and_files(run, capsys):
+    assert main(["info", str(run)]) == 0
+    said = capsys.readouterr().out
+    lines = [" ".join(line.split()) for line in said.splitlines()]
+    summary = json.loads(RunFolder(run).summary.read_text())
+    assert lines[0] == f"{run}: run, finished after 20 steps"
+    assert {"data - format synthetic", "method 3dgs"} <= set(lines)
+    assert any(line.startswith(f"PSNR {summary['psnr']:.2f} dB mean of ") for line in lines)
+    assert "the last after 20 steps" in said
+    assert f"next gsfw view {run}" in lines
+    assert not any(key in said for key in ("num_gaussians", "baselines"))
+    del summary["num_gaussians"]  # Of an early version.
+    RunFolder(run).summary.write_text(json.dumps(summary))
+    assert main(["info", str(run)]) == 0
+    assert f"psnr {summary['psnr']:.6g}" in " ".join(capsys.readouterr().out.split())
+    RunFolder(run).summary.unlink()
+    assert main(["info", str(run)]) == 0
+    assert f"next gsfw resume {run}" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_run_that_was_stopped_says_how_to_go_on(run, capsys):
     RunFolder(run).summary.unlink()
     with RunFolder(run).metrics_log.open("a") as log:
