@@ -192,6 +192,14 @@ class FollowingTraining:
         if not folder.config.is_file():
             write_atomically(self._record, json_text(self._identity()).encode())
             return start(self.command)
+        if not self._record.is_file():
+            raise OutputError(
+                f"{self.run} is a run, and {self._record}, which says what it was trained with, is "
+                "missing: this command cannot continue it.",
+                f"gsfw resume {shlex.quote(str(self.run))} continues a run that is not finished. "
+                "For a new one give another folder (out=DIR after train=true), or remove this "
+                "one; the data set is done.",
+            )
         if not self._is_same():
             raise OutputError(
                 f"{self.run} was trained with other settings, or on an earlier data set.",

@@ -102,8 +102,9 @@ def stretch_of(
             ratios.append(own @ np.linalg.solve(covariance, own) / len(own))
             noises.append(noise)
     if len(pixels) < ENOUGH_IMAGES:
-        return Stretch(*[float("nan")] * 3, side)
-    return Stretch(*(float(np.median(found)) for found in (pixels, ratios, noises)), side)
+        return Stretch(float("nan"), float("nan"), float("nan"), side)
+    stretch, ratio, noise = (float(np.median(found)) for found in (pixels, ratios, noises))
+    return Stretch(stretch, ratio, noise, side)
 
 
 def _fit(

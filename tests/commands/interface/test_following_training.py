@@ -1,6 +1,7 @@
 """`gsfw prepare ... train=true ...`: two commands in one line, each with its own keys."""
 
 import json
+import shutil
 
 import pytest
 
@@ -158,6 +159,16 @@ def test_a_run_of_other_settings_or_data_is_left_alone(scene):
     (scene / "sparse" / "0" / "images.bin").write_bytes(b"other poses")
     with pytest.raises(OutputError, match="or on an earlier data set"):
         verbs.train(FollowingTraining(scene, ("minutes=3",), SUGGESTED))
+
+
+def test_a_run_whose_record_was_deleted_is_told_how_to_go_on(scene):
+    verbs, training = Verbs(scene / "run"), FollowingTraining(scene, ("minutes=3",), SUGGESTED)
+    verbs.train(training)
+    shutil.rmtree(scene / "work")
+    with pytest.raises(OutputError, match=r"work/training_\w+\.json, .* is missing") as caught:
+        verbs.train(training)
+    assert f"gsfw resume {scene / 'run'} continues" in caught.value.advice
+    assert "out=DIR after train=true" in caught.value.advice
 
 
 def test_each_run_of_a_data_set_is_remembered(scene, capsys):
