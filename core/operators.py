@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import scipy  # Its parts are loaded when they are first used: most commands need none.
 import torch
-from jaxtyping import Bool, Float, Float64, Int
-from scipy.spatial import cKDTree
+from jaxtyping import Bool, Float, Float64, Int, Int64
 from torch import Tensor
 from torch.nn.functional import linear, relu
 
@@ -265,22 +265,27 @@ class Operators:
 
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
         """Distances to the ``k`` nearest other points, nearest first; inf where there are fewer."""
-        host = points.detach().double().cpu().numpy()
-        with stage("finding nearest points"):
-            distances, _ = cKDTree(host).query(host, k=k + 1, workers=-1)
-        return torch.from_numpy(distances[:, 1:]).to(points)
+        distances, _ = _nearest(points, k + 1)
+        return distances[:, 1:].to(points)
 
     def neighbors(self, points: Float[Tensor, "p d"], k: int) -> Int[Tensor, "p k"]:
         """Rows of the ``k`` nearest other points, nearest first; its own where there are fewer."""
-        host = points.detach().double().cpu().numpy()
-        with stage("finding nearest points"):
-            _, found = cKDTree(host).query(host, k=range(1, k + 2), workers=-1)
-        rows = torch.from_numpy(found)
+        _, rows = _nearest(points, k + 1)
         own = torch.arange(len(rows))[:, None]
         # A point is among its own nearest, unless more than k others have exactly its position.
         left_out = torch.where((rows == own).any(1), (rows == own).int().argmax(1), k)
         others = rows[torch.arange(k + 1) != left_out[:, None]].view(-1, k)
         return torch.where(others < len(rows), others, own).to(points.device)
+
+
+def _nearest(
+    points: Float[Tensor, "p d"], k: int
+) -> tuple[Float64[Tensor, "p {k}"], Int64[Tensor, "p {k}"]]:
+    """Distances to the ``k`` nearest points, and their rows; inf and p where there are fewer."""
+    host = points.detach().double().cpu().numpy()
+    with stage("finding nearest points"):
+        distances, rows = scipy.spatial.cKDTree(host).query(host, k=range(1, k + 1), workers=-1)
+    return torch.from_numpy(distances), torch.from_numpy(rows)
 
 
 def _step_of_adam(update: AdamUpdate, settings: AdamSettings, finite: Bool[Tensor, ""]) -> None:

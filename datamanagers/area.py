@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy  # Its parts are loaded when they are first used: most runs shrink nothing.
 from jaxtyping import Bool, Float32, Shaped, UInt8
-from scipy.sparse import csr_matrix
 
 STRIP = 256
 """Rows of an image that are floating-point numbers at a time."""
@@ -86,12 +86,12 @@ def pick_nearest(
     return values[y[:, None], x]
 
 
-def _weights(size: int, smaller: int) -> csr_matrix:
+def _weights(size: int, smaller: int) -> scipy.sparse.csr_matrix:
     """[smaller, size]: which part of each small pixel each pixel of a row covers."""
     cuts = np.union1d(np.arange(size + 1), np.linspace(0, size, smaller + 1))
     middles = (cuts[:-1] + cuts[1:]) / 2
     into = np.minimum(middles * smaller / size, smaller - 1).astype(np.int64)
     share = np.diff(cuts) * smaller / size
-    return csr_matrix(
+    return scipy.sparse.csr_matrix(
         (share.astype(np.float32), (into, middles.astype(np.int64))), shape=(smaller, size)
     )

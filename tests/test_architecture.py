@@ -140,6 +140,13 @@ def test_listing_what_is_installed_imports_no_torch():
     assert "numpy" not in loaded
 
 
+def test_opening_a_run_imports_no_part_of_scipy():
+    loaded = modules_after(
+        "import gsfw.core.loop.trainer, gsfw.datamanagers.image_cache, gsfw.api.models"
+    )
+    assert not loaded & {"scipy.linalg", "scipy.sparse", "scipy.spatial"}
+
+
 def test_training_says_its_first_line_before_torch_is_imported():
     loaded = modules_after(
         "from gsfw.commands import main\n"
