@@ -6,11 +6,11 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from support.processes import ONE_THREAD, command
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
@@ -34,20 +34,6 @@ UNREPEATABLE = {"train_seconds", "peak_memory_mb", "render_ms"}
 """Figures that are measured with a clock or by the system."""
 
 
-def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "gsfw", *arguments]
-
-
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    result = subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result
-
-
-def train(out: Path, *arguments: str) -> None:
-    run("train", "method=3dgs", *SMALL, f"out={out}", *arguments)
-
-
 def figures(out: Path) -> dict[str, object]:
     summary = json.loads(RunFolder(out).summary.read_text())
     return {key: value for key, value in summary.items() if key not in UNREPEATABLE}
@@ -68,16 +54,16 @@ def logged_steps(out: Path) -> list[int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
-def test_a_killed_run_resumes_to_the_same_bits(tmp_path, strategy):
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    train(whole, *REFINING, f"strategy={strategy}")
+def test_a_killed_run_resumes_to_the_same_bits(trained, tmp_path, strategy):
+    arguments = ("method=3dgs", *SMALL, *REFINING, f"strategy={strategy}")
+    whole, killed = trained(*arguments), tmp_path / "killed"
     assert figures(whole)["num_gaussians"] != 150, "rows must have been added or removed"
 
-    arguments = (*SMALL, *REFINING, f"strategy={strategy}", f"out={killed}")
     process = subprocess.Popen(
-        command("train", "method=3dgs", *arguments),
+        command("train", *arguments, f"out={killed}"),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        env=ONE_THREAD,  # As this process has.
     )
     after = RunFolder(killed).checkpoint(random.choice([20, 40, 60]))
     deadline = time.monotonic() + 60
@@ -87,7 +73,7 @@ def test_a_killed_run_resumes_to_the_same_bits(tmp_path, strategy):
     process.wait()
     assert not RunFolder(killed).summary.exists()
 
-    run("resume", str(killed))
+    assert main(["resume", str(killed)]) == 0
     assert figures(killed) == figures(whole)
     assert_same_bits(last_state(killed), last_state(whole))
     assert logged_steps(killed) == logged_steps(whole)
@@ -125,7 +111,9 @@ def test_the_same_seed_gives_the_same_bits_with_more_than_50000_rows(tmp_path):
         "optim.sparse=false",
     )
     for name in ("one", "two"):
-        train(tmp_path / name, *settings)
+        words = ("train", "method=3dgs", *SMALL, *settings, f"out={tmp_path / name}")
+        done = subprocess.run(command(*words), capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
     assert figures(tmp_path / "one")["num_gaussians"] == 60000
     assert_same_bits(last_state(tmp_path / "one"), last_state(tmp_path / "two"))
 

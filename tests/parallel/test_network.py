@@ -3,15 +3,15 @@
 import os
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
-from support.processes import LONG, Started, finished, last_step, state
+from support.processes import LONG, Started, command, last_step, state
 from support.states import assert_same_bits
 
+from gsfw.commands.main import main
 from gsfw.core.cores import cores
 from gsfw.core.loop.run_folder import RunFolder
 
@@ -62,7 +62,7 @@ class Machines:
 
     def start(self, tmp_path, patience: str, *words: str) -> list[Started]:
         """Start a training as a launcher does, one process on each machine."""
-        train = (sys.executable, "-m", "gsfw", "train", *LONG, f"out={tmp_path / 'run'}", *words)
+        train = command("train", *LONG, f"out={tmp_path / 'run'}", *words)
         found = []
         for rank, name in enumerate(self._cable):
             variables = {"RANK": str(rank), "WORLD_SIZE": "2", "MASTER_ADDR": HOSTS[0]}
@@ -114,8 +114,8 @@ def test_a_pause_of_the_network_delays_the_training_and_changes_no_bit(tmp_path,
         code, said = item.ended(90)
         assert code == 0, said
         assert "error" not in said
-    alone = (sys.executable, "-m", "gsfw", "train", *LONG, "steps=60", "processes=1")
-    finished((*alone, f"out={tmp_path / 'alone'}"))
+    alone = ("train", *LONG, "steps=60", "processes=1", f"out={tmp_path / 'alone'}")
+    assert main(alone) == 0
     assert_same_bits(state(run.path), state(tmp_path / "alone"))
 
 
@@ -135,5 +135,4 @@ def test_a_lost_machine_ends_the_training_and_the_last_checkpoint_goes_on(
     assert code == 1
     assert "Traceback" not in said
     steps = last_step(run.path)
-    resume = (sys.executable, "-m", "gsfw", "resume", str(run.path), f"steps={steps + 5}")
-    finished((*resume, "processes=1"))
+    assert main(["resume", str(run.path), f"steps={steps + 5}", "processes=1"]) == 0
