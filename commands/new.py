@@ -30,6 +30,7 @@ class NewOptions(Options):
         "gsfw new",
         "gsfw new method my-method",
         "gsfw new method my-method like=3dgs",
+        "gsfw new method my-motion like=moving",
         "gsfw new rasterizer my-rasterizer out=work/my-rasterizer",
     )
 
@@ -38,7 +39,8 @@ class NewOptions(Options):
     name: str = positional("NAME", default="")
     """Name of the part and of the package: small letters, digits and dashes."""
     like: str = ""
-    """Method that the new one derives from, such as 3dgs. Empty: one with a model of its own."""
+    """Method that the new one derives from, such as 3dgs; moving: one for moving scenes, with a
+    motion of its own. Empty: one with a model of its own."""
     out: str = ""
     """Folder of the package. Empty: NAME, here."""
 

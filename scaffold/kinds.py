@@ -107,26 +107,6 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 """Every kind of part that can be begun, by the name of its slot."""
 
 
-@dataclass(frozen=True)
-class Base:
-    """A method that a new one can derive from; its classes are public."""
-
-    config: str
-    method: str
-    template: str = "like_moving"
-    """Name of the template."""
-
-
-BASES: Mapping[str, Base] = MappingProxyType(
-    {
-        "3dgs": Base("StaticGaussiansConfig", "StaticGaussiansMethod", "like"),
-        "4dgs": Base("DeformationConfig", "DeformationMethod"),
-        "4d-rotor": Base("SlicedGaussiansConfig", "SlicedGaussiansMethod"),
-        "spacetime": Base("SpacetimeConfig", "SpacetimeMethod"),
-    }
-)
-"""Methods for ``like=NAME``."""
-
 LIKE = Kind(
     "method",
     "BASE with one more trained column, a brightness, and its loss",
@@ -136,3 +116,41 @@ LIKE = Kind(
     "command line.",
 )
 """The kind of a method that derives from another one."""
+
+MOTION = Kind(
+    "method",
+    "Gaussians that move along waves, and turn by polynomials of the time",
+    "method:MyPartConfig",
+    "gsfw train method=my-part",
+    "Start with `MyPartGaussians`: `temporal_column` makes what is trained, and `splats` moves the "
+    "Gaussians; every field of `MyPartConfig` is a key of the command line.",
+)
+"""The kind of a method with a motion of its own."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """A method that a new one can derive from; its classes are public."""
+
+    config: str
+    method: str
+    template: str = "like_moving"
+    """Name of the template."""
+    tests: str = "like"
+    """Name of the template of its tests."""
+    kind: Kind = LIKE
+    """Texts of the package."""
+    tag: str = "dynamic"
+    """Tag of its registration: "static" or "dynamic"."""
+
+
+BASES: Mapping[str, Base] = MappingProxyType(
+    {
+        "3dgs": Base("StaticGaussiansConfig", "StaticGaussiansMethod", "like", tag="static"),
+        "moving": Base("MovingConfig", "MovingMethod", "moving", "moving", MOTION),
+        "4dgs": Base("DeformationConfig", "DeformationMethod"),
+        "4d-rotor": Base("SlicedGaussiansConfig", "SlicedGaussiansMethod"),
+        "spacetime": Base("SpacetimeConfig", "SpacetimeMethod"),
+    }
+)
+"""Methods for ``like=NAME``; "moving" is what all methods for moving scenes have in common."""

@@ -14,7 +14,7 @@ from pathlib import Path
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.plugins.registry import SLOTS
-from gsfw.scaffold.kinds import BASES, KINDS, LIKE, Base, Kind
+from gsfw.scaffold.kinds import BASES, KINDS, Base, Kind
 from gsfw.scaffold.names import PartName
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -41,13 +41,13 @@ def package_files(slot: str, name: PartName, like: str = "") -> dict[str, str]:
         ConfigError: classes of the part would have the name of a class that they use.
     """
     base = BASES.get(like)
-    kind = KINDS[slot] if base is None else LIKE
-    template = slot if base is None else base.template
+    kind = KINDS[slot] if base is None else base.kind
+    template, tests = (slot, slot) if base is None else (base.template, base.tests)
     words = _words(slot, name, kind, like, base)
     sources = {path: f"common/{source}" for path, source in COMMON.items()} | {
         f"{name.module}/__init__.py": "common/registration.py",
         f"{name.module}/{kind.module}.py": f"parts/{template}.py",
-        f"tests/test_{name.module}.py": f"tests/{'like' if base else slot}.py",
+        f"tests/test_{name.module}.py": f"tests/{tests}.py",
     }
     files = {path: _filled(source, name, words) for path, source in sources.items()}
     if base is not None:
@@ -88,6 +88,7 @@ def _words(slot: str, name: PartName, kind: Kind, like: str, base: Base | None) 
     """The text of each word of the templates."""
     named = kind_with_name(kind, name)
     of_base = {} if base is None else {"BaseConfig": base.config, "BaseMethod": base.method}
+    tags = "" if base is None else f'            tags=frozenset({{"{base.tag}"}}),\n'
     return {
         **_spellings(name),
         **of_base,
@@ -100,6 +101,7 @@ def _words(slot: str, name: PartName, kind: Kind, like: str, base: Base | None) 
         "TARGET": _replaced(kind.target, _spellings(name)),
         "USE_IT": named.command,
         "gsfw_parts": SLOTS[slot],
+        "            # TAGS\n": tags,
     }
 
 

@@ -60,8 +60,6 @@ MOVING = ("means", "quats")
 class TrackedGaussiansMethod(MovingMethod):
     """Trains the first time, then tracks through the others, in order."""
 
-    name = "dynamic3dgs"
-
     def __init__(self, config: TrackedGaussiansConfig) -> None:
         super().__init__(config)
         self.config = config
@@ -137,7 +135,7 @@ class TrackedGaussiansMethod(MovingMethod):
         """Build Gaussians from a file's splats, from points of the first time, or at random."""
         config = self.config
         self._extent, self._num_times = scene.extent, scene.num_times
-        canonical = self._static.build_model(first_points(scene), operators, generator, initial)
+        canonical = self.canonical.build_model(first_points(scene), operators, generator, initial)
         regularization = Regularization(
             config.rigid,
             config.rotation,
@@ -160,7 +158,7 @@ class TrackedGaussiansMethod(MovingMethod):
         assert isinstance(model, TrackedGaussians)
         assert time is not None
         self._tracked = model
-        self._static.prepare(step, model.canonical, optimizer, time)
+        self.canonical.prepare(step, model.canonical, optimizer, time)
         current = model.trajectory.current
         if current is not None and time < current:
             raise ConfigError(
@@ -179,7 +177,7 @@ class TrackedGaussiansMethod(MovingMethod):
 
     def graph_key(self, step: int) -> Hashable | None:
         """The key of method 3dgs, the number of finished times, and that of neighbours."""
-        own, model = graph_key(self._static, step), self._tracked
+        own, model = graph_key(self.canonical, step), self._tracked
         if own is None or model is None:
             return None
         return own, model.trajectory.num_finished, model.num_neighbors(step)

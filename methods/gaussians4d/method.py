@@ -51,8 +51,6 @@ MAX_TIMES = 100
 class DeformationMethod(MovingMethod):
     """Trains static Gaussians in the coarse steps; then these and the field together."""
 
-    name = "4dgs"
-
     def __init__(self, config: DeformationConfig) -> None:
         super().__init__(config, config)
         self.config = config
@@ -66,7 +64,7 @@ class DeformationMethod(MovingMethod):
     ) -> DeformedGaussians:
         """Canonical Gaussians as in method 3dgs, and a field."""
         config = self.config
-        canonical = self._static.build_model(scene, operators, generator, initial)
+        canonical = self.canonical.build_model(scene, operators, generator, initial)
         box = SpaceBox(canonical.means.values.detach(), scene.extent)
         encoder = _encoder(config, scene, operators, generator)
         decoder = _decoder(config, encoder, canonical, operators, generator)

@@ -136,10 +136,6 @@ class DeformedGaussians(MovingGaussians):
         """Regularizers of the field, while it is trained."""
         return self.field.regularizers() if self.deforming else {}
 
-    def project_(self) -> None:
-        """Clamp the canonical Gaussians to their range."""
-        self.canonical.project_()
-
     # For density control, on the canonical Gaussians.
 
     @torch.no_grad()
@@ -162,13 +158,6 @@ class DeformedGaussians(MovingGaussians):
             largest = largest.maximum(self.field.opacity_change(means, time))
         return canonical.minimum(self.moved(logits, largest).sigmoid())
 
-    def split_rows(
-        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
-    ) -> Children:
-        """Smaller children at points of the row's own Gaussian, moved by the field like the row."""
-        smaller = self.canonical.split_rows(rows, copies, generator)
-        return {**self.clone_rows(rows.repeat(copies)), **smaller}
-
     @torch.no_grad()
     def rows_at(
         self,
@@ -182,8 +171,7 @@ class DeformedGaussians(MovingGaussians):
         if time is not None and self.deforming:
             for _ in range(FIXED_POINT_STEPS):
                 still = points - self.field(still, still.new_tensor(time)).means
-        fresh = self.canonical.rows_at(still, colors, sizes, time)
-        return {**fresh, **self.temporal_rows({}, len(points))}
+        return super().rows_at(still, colors, sizes, time)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
         """Canonical values that the field turns, on average, into the rows' current values."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 from gsfw.core.ranges import number
 from gsfw.core.step_settings import steps_field
@@ -13,6 +14,11 @@ from gsfw.methods.gaussians3d.config import GaussiansConfig
 @dataclass
 class MovingConfig(GaussiansConfig):
     """3D Gaussians, all or some of which change with time."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "default": {"datamanager.moving": True, "strategy.reset_every": 0}
+    }
+    """The built-in scene moves; no opacity resets, which harm motion."""
 
     static: Literal["none", "auto"] = "none"
     """none: every splat may change with time; auto: only those that need to; the others have no

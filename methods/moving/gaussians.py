@@ -23,24 +23,35 @@ from gsfw.methods.moving.still_rows import StillRows
 class MovingGaussians(DensifiableModel):
     """Static Gaussians, ``canonical``, and their changes with time.
 
+    A derived model has ``temporal_columns`` and ``splats``; for motion that belongs to no row, such
+    as a network, ``parameter_groups`` too. Density control treats rows as static Gaussians: new
+    rows copy the temporal values of their parents, or have zeros. Zeros should therefore mean no
+    change; a model with other needs overrides ``split_rows``, ``rows_at`` and ``begin_``.
+
     With ``still`` only some rows change. These have values in the temporal columns, which are then
     ragged, one each and in order; the others are rendered in canonical space. Without it all rows
     change, and temporal columns are dense.
     """
 
     def __init__(self, canonical: StaticGaussians, still: StillRows | None) -> None:
+        """Store the Gaussians; temporal columns are made afterwards, with ``temporal_column``.
+
+        Args:
+            canonical: the Gaussians before any change, of ``MovingMethod.canonical``.
+            still: mask of static rows, of ``MovingMethod.still_rows``; ``None``: all rows change.
+        """
         super().__init__()
         self.canonical, self.still = canonical, still
 
     @abstractmethod
     def temporal_columns(self) -> Mapping[str, Column]:
-        """Temporal columns of the rows that change, by name."""
+        """Temporal columns of the rows that change, by name; {} if no motion belongs to rows."""
 
-    @abstractmethod
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
         """Start rows that were static until now: with a constant path, always present.
 
-        In place, without a change of the image; their temporal values are zero before.
+        In place, without a change of the image. Their temporal values are zero, and stay so where
+        zeros mean no change.
 
         Args:
             rows: some of the rows that change now, in order.
@@ -154,7 +165,39 @@ class MovingGaussians(DensifiableModel):
         moving = {name: Rows(rows, lengths) for name, rows in values.items()}
         return {**moving, **self.still.moving_rows(lengths)}
 
+    @torch.no_grad()
+    def split_rows(
+        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
+    ) -> Children:
+        """Smaller children at points of each row's canonical Gaussian, with its temporal values."""
+        smaller = self.canonical.split_rows(rows, copies, generator)
+        return {**self.clone_rows(rows.repeat(copies)), **smaller}
+
+    @torch.no_grad()
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
+    ) -> Children:
+        """Isotropic rows of low opacity, with temporal values of zero."""
+        fresh, count = self.canonical.rows_at(points, colors, sizes, time), len(points)
+        values = {
+            name: column.values.new_zeros(count, *column.values.shape[1:])
+            for name, column in self.temporal_columns().items()
+        }
+        return {**fresh, **self.temporal_rows(values, count)}
+
     # The same for all models whose changes with time leave these alone.
+
+    def opacities(self) -> Float[Tensor, " n"]:
+        """Canonical opacity of each row in [0, 1]."""
+        return self.canonical.opacities()
+
+    def project_(self) -> None:
+        """Clamp the canonical Gaussians to their range."""
+        self.canonical.project_()
 
     def summary(self) -> Mapping[str, int | float]:
         """Sizes, and the number of static rows."""

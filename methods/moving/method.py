@@ -30,21 +30,23 @@ from gsfw.methods.moving.still_rows import StillRows
 class MovingMethod(Method):
     """Losses, the SH degree and the initialisation are those of method 3dgs.
 
-    It holds an instance of that method, ``_static``, for the canonical Gaussians. Each method
-    defines their changes with time.
+    A derived method has ``build_model`` alone: it makes the canonical Gaussians with
+    ``self.canonical.build_model``, and returns a model of them with their changes with time.
     """
 
-    name: ClassVar[str]
-    """Name of the method, as in ``method=NAME``."""
     canonical_method: ClassVar[type[StaticGaussiansMethod]] = StaticGaussiansMethod
     """Class that makes the canonical Gaussians; derive from it to give them more columns."""
 
     def __init__(self, canonical: GaussiansConfig, settling: MovingConfig | None = None) -> None:
         """Store the settings of the canonical Gaussians, and of static rows.
 
-        Without the latter no rows are static, and the model need not be ``MovingGaussians``.
+        Args:
+            canonical: settings of the canonical Gaussians.
+            settling: settings of static rows; ``None``: no row can be static (static=none). The
+                model need not be ``MovingGaussians`` then, if ``prepare`` is overridden.
         """
-        self._static = self.canonical_method(canonical)
+        self.canonical = self.canonical_method(canonical)
+        """The method of the canonical Gaussians, of the class ``canonical_method``."""
         self._settling = settling
         self._prepared: MovingGaussians | None = None
         """The model of the current step; ``None`` before the first."""
@@ -55,16 +57,16 @@ class MovingMethod(Method):
         Raises:
             ConfigError: names the remedy.
         """
-        check_times(scene, self.name)
-        self._static.check_scene(as_static(scene))
+        check_times(scene, self.registered_as)
+        self.canonical.check_scene(as_static(scene))
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """Notes on the initialisation."""
-        return self._static.notes(as_static(scene))
+        return self.canonical.notes(as_static(scene))
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """L1 and SSIM, weighted by ssim_weight."""
-        return self._static.losses(context)
+        return self.canonical.losses(context)
 
     def still_rows(self, scene: Scene, count: int, initial: Splats | None) -> StillRows | None:
         """Mask of the initially static rows: all rows at first; ``None`` if no row can be static.
@@ -91,7 +93,7 @@ class MovingMethod(Method):
         if scene.point_times is None:
             return None
         rows = usable_rows(scene)[0]
-        return None if self._static.starts_at_random(rows) else scene.point_times[rows]
+        return None if self.canonical.starts_at_random(rows) else scene.point_times[rows]
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
@@ -99,14 +101,14 @@ class MovingMethod(Method):
         """Set the SH degree of the step."""
         assert isinstance(model, MovingGaussians)
         self._prepared = model
-        self._static.prepare(step, model.canonical, optimizer, time)
+        self.canonical.prepare(step, model.canonical, optimizer, time)
 
     def shared_key(self, step: int) -> Hashable | None:
         """The part of a ``graph_key`` that all methods have: losses, SH degree, rows that change.
 
         ``None`` if steps cannot be recorded because of them, or select the visible rows.
         """
-        own, model = graph_key(self._static, step), self._prepared
+        own, model = graph_key(self.canonical, step), self._prepared
         if own is None or model is None or model.selects:
             return None
         return own, model.rows_version()
@@ -115,16 +117,16 @@ class MovingMethod(Method):
         """Adaptive bands and penalties of method 3dgs, and settling under static=auto."""
         if not isinstance(model, MovingGaussians):
             # Tracked rows do not change their kind after the first time.
-            return self._static.penalties()
-        bands, config = self._static.refiners(scene, model.canonical), self._settling
+            return self.canonical.penalties()
+        bands, config = self.canonical.refiners(scene, model.canonical), self._settling
         if config is None or model.still is None:
             return bands
         return (*bands, Settling(config, model))
 
     def state_dict(self) -> dict[str, Any]:
         """The state of method 3dgs."""
-        return self._static.state_dict()
+        return self.canonical.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from ``state``."""
-        self._static.load_state_dict(state)
+        self.canonical.load_state_dict(state)

@@ -32,8 +32,6 @@ ROTATIONS: Mapping[str, type[Rotation]] = {"rotor": Rotor, "two-quaternions": Tw
 class SlicedGaussiansMethod(MovingMethod):
     """Static Gaussians at first, each with a temporal centre."""
 
-    name = "4d-rotor"
-
     def __init__(self, config: SlicedGaussiansConfig) -> None:
         super().__init__(config, config)
         self.config = config
@@ -49,7 +47,7 @@ class SlicedGaussiansMethod(MovingMethod):
         """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self.config
         self._extent = scene.extent
-        canonical = self._static.build_model(scene, operators, generator, initial)
+        canonical = self.canonical.build_model(scene, operators, generator, initial)
         if initial is None:
             centers = self.start_times(scene, canonical.num_rows, generator)
         else:

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 class SpacetimeMethod(MovingMethod):
     """Static Gaussians, each with a path and a temporal centre."""
 
-    name = "spacetime"
-
     def __init__(self, config: SpacetimeConfig) -> None:
         # The decoder adds view dependence, so base colours need no bands.
         canonical = config if config.colors == "sh" else replace(config, sh_degree=0)
@@ -52,7 +50,7 @@ class SpacetimeMethod(MovingMethod):
     ) -> SpacetimeGaussians:
         """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self.config
-        canonical = self._static.build_model(scene, operators, generator, initial)
+        canonical = self.canonical.build_model(scene, operators, generator, initial)
         count = canonical.num_rows
         if initial is None:
             centers = self.start_times(scene, count, generator)

@@ -215,10 +215,6 @@ class SpacetimeGaussians(MovingGaussians):
 
     # For density control.
 
-    def opacities(self) -> Float[Tensor, " n"]:
-        """Opacity of each row at its temporal centre."""
-        return self.canonical.opacities()
-
     @torch.no_grad()
     def lifetimes(self) -> Float[Tensor, " n"]:
         """Mean temporal weight of each row over the sequence: 1 for always present rows."""
@@ -243,9 +239,7 @@ class SpacetimeGaussians(MovingGaussians):
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
         """Smaller children around each row's path, at temporal centres of their own."""
-        smaller = self.canonical.split_rows(rows, copies, generator)
-        children = super().clone_rows(rows.repeat(copies))
-        return self.spread({**children, **smaller}, generator)
+        return self.spread(super().split_rows(rows, copies, generator), generator)
 
     def spread(self, children: Children, generator: torch.Generator) -> Children:
         """Children on the same paths, with centres sampled from the parents' weights."""

@@ -15,7 +15,7 @@ from gsfw.scaffold.names import MOST_LETTERS, PartName
 from gsfw.scaffold.package import TEMPLATES, package_files, write_package
 
 PLACEHOLDERS = re.compile(
-    r"my[-_]part|MyPart|A_PART|SUMMARY|USE_IT|EDIT_|KIND|TARGET|gsfw_parts|BaseConfig|BaseMethod|BASE"
+    r"my[-_]part|MyPart|A_PART|SUMMARY|USE_IT|EDIT_|KIND|TAGS|TARGET|gsfw_parts|BaseConfig|BaseMethod|BASE"
 )
 """Words of the templates."""
 LONGEST = "a" + "-name-of-the-most-letters-there"[: MOST_LETTERS - 1]
@@ -107,6 +107,17 @@ def test_an_existing_folder_is_not_touched(tmp_path):
 
 def test_every_template_is_used():
     used = {f"parts/{slot}.py" for slot in KINDS} | {f"tests/{slot}.py" for slot in KINDS}
-    used |= {f"parts/{base.template}.py" for base in BASES.values()} | {"tests/like.py"}
+    for base in BASES.values():
+        used |= {f"parts/{base.template}.py", f"tests/{base.tests}.py"}
     there = {str(path.relative_to(TEMPLATES).as_posix()) for path in TEMPLATES.rglob("*.py")}
     assert there == used | {"common/registration.py"}
+
+
+@pytest.mark.parametrize("like", BASES)
+def test_a_method_like_another_is_registered_with_its_tag(like):
+    registration = package_files("method", PartName("some-thing"), like)["some_thing/__init__.py"]
+    assert f'tags=frozenset({{"{"static" if like == "3dgs" else "dynamic"}"}})' in registration
+
+
+def test_a_method_without_a_base_has_no_tag():
+    assert "tags" not in package_files("method", PartName("some-thing"))["some_thing/__init__.py"]

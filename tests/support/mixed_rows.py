@@ -11,8 +11,14 @@ from gsfw.methods.gaussians4d.config import DeformationConfig, HexPlaneConfig
 from gsfw.methods.moving.gaussians import MovingGaussians
 from gsfw.methods.rotor4d.config import SlicedGaussiansConfig
 from gsfw.methods.spacetime.config import SpacetimeConfig
+from gsfw.scaffold.names import PartName
+from gsfw.scaffold.package import package_files
 from support.moving_splats import moving_scene
+from support.page_plugins import module_of
 from support.scenes import random_splats
+
+WRITTEN = module_of(package_files("method", PartName("written"), "moving")["written/method.py"])
+"""The method that ``gsfw new method written like=moving`` writes."""
 
 CONFIGS = {
     "spacetime": SpacetimeConfig(sh_degree=1),
@@ -31,6 +37,7 @@ CONFIGS = {
         hexplane=HexPlaneConfig(channels=4, resolution=4, width=6),
         scale_change="sum",
     ),
+    "written": WRITTEN.WrittenConfig(sh_degree=1),
 }
 
 

@@ -22,5 +22,6 @@ def gsfw_parts() -> list[Spec]:
             "my-part",
             "SUMMARY",
             "my_part.TARGET",
+            # TAGS
         )
     ]

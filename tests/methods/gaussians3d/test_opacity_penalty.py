@@ -39,7 +39,7 @@ def test_a_method_has_it_only_with_a_weight(settings):
 @pytest.mark.parametrize("config", [SpacetimeConfig, TrackedGaussiansConfig])
 def test_moving_methods_have_it_too(config):
     method = config(opacity_penalty=0.1).build()
-    (found,) = method._static.penalties()
+    (found,) = method.canonical.penalties()
     assert isinstance(found, OpacityPenalty)
 
 

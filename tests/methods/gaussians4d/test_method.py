@@ -172,7 +172,7 @@ def test_a_capture_without_times_is_refused_with_advice(num_times):
     with pytest.raises(ConfigError) as caught:
         DeformationConfig().build().check_scene(scene(num_times=num_times))
     assert str(caught.value) == (
-        "method '4dgs' is for captures of several times, and 'toy' has one.\n"
+        "this method is for captures of several times, and 'toy' has one.\n"
         "Use method=3dgs. If the scene does move, its data have to say when each image was "
         'taken, such as by "time" in every frame of a transforms.json; gsfw prepare VIDEO '
         "layout=transforms writes one. The built-in scene moves with datamanager.moving=true."

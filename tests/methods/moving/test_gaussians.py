@@ -8,6 +8,7 @@ from support.mixed_rows import CONFIGS, check_rows, mixed, standing
 from support.moving_splats import at, moving_scene, seeded
 from support.scenes import random_splats
 
+from gsfw.core.errors import ConfigError
 from gsfw.core.operators import Operators
 
 METHODS = tuple(CONFIGS)
@@ -185,3 +186,28 @@ def test_with_static_none_every_row_changes_and_no_column_is_ragged(method):
     assert model.moving() is None
     assert all(column.offsets is None for column in model.columns().values())
     assert "static_rows" not in model.summary()
+
+
+def test_a_refusal_names_the_method_as_it_is_registered():
+    method = CONFIGS["4dgs"].build()
+    method.registered_as = "method 'mine' (gsfw-mine 0.1)"
+    with pytest.raises(ConfigError, match=r"^method 'mine' \(gsfw-mine 0.1\) is for captures of"):
+        method.check_scene(moving_scene(num_times=1))
+
+
+def test_new_rows_at_errors_are_at_rest_unless_a_model_says_otherwise():
+    model, _ = mixed("written")
+    points = torch.rand(3, 3, dtype=torch.float64, generator=seeded())
+    children = model.rows_at(points, points, torch.full((3,), 0.1), 0.5)
+    assert children.keys() == model.columns().keys()
+    assert torch.equal(children["means"].values, points)
+    assert not children["paths"].values.any()
+
+
+def test_the_parts_of_a_split_keep_the_path_of_their_parent():
+    model, _ = mixed("written")
+    assert model.still is not None
+    row = model.still.moving()[1:2]
+    children = model.split_rows(row, 2, seeded())
+    assert torch.equal(children["paths"].values, model.paths.values[1:2].repeat(2, 1, 1))
+    assert not torch.equal(children["means"].values[0], children["means"].values[1])
