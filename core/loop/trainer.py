@@ -34,7 +34,7 @@ from gsfw.core.loop.verdict import Verdict
 from gsfw.core.loop.walk import Walk
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
-from gsfw.core.part_state import load_part
+from gsfw.core.part_state import load_part, state_of
 from gsfw.core.progress import stage
 from gsfw.core.refiner import RESET, GrowthLimits, Refinement
 
@@ -360,12 +360,12 @@ class Trainer:
         """All state of the training: tensors and plain data."""
         parts = self.parts
         return {
-            "model": dict(parts.model.state_dict()),
+            "model": state_of(parts.model),
             "corrections": dict(parts.corrections.state_dict()),
-            "optimizer": parts.optimizer.state_dict(),
+            "optimizer": state_of(parts.optimizer),
             "refiners": parts.refiners.state_dict(),
-            "sampler": parts.sampler.state_dict(),
-            "method": parts.method.state_dict(),
+            "sampler": state_of(parts.sampler),
+            "method": state_of(parts.method),
             "generator": parts.generator.get_state(),
             "walk": self.walk.state_dict(),
             "train_seconds": self.train_seconds,

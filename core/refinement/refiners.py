@@ -15,7 +15,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
-from gsfw.core.part_state import load_part
+from gsfw.core.part_state import load_part, state_of
 from gsfw.core.refiner import RESET, GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, Statistic
@@ -165,7 +165,7 @@ class Refiners:
 
     def state_dict(self) -> dict[str, Any]:
         """The state of each refiner, by name."""
-        return {refiner.name: refiner.state_dict() for refiner in self}
+        return {refiner.name: state_of(refiner) for refiner in self}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from ``state``; a refiner without a state starts anew."""
