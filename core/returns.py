@@ -10,8 +10,11 @@ from collections.abc import Iterable, Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+import torch
+from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.errors import ConfigError
 from gsfw.core.input_checks import check_splats
 from gsfw.core.learning_rate import LearningRate
@@ -92,6 +95,18 @@ def checked_splats(source: str, splats: object, num_rows: int | None) -> Splats:
             "Name the model's row of each splat: Splats(..., rows=rows), with rows [n] of int64.",
         )
     return splats
+
+
+def splats_of(model: PrimitiveModel, time: Float[Tensor, ""] | None, cameras: Cameras) -> Splats:
+    """The splats of a model for a render.
+
+    Raises:
+        ConfigError: their form is wrong, as of ``checked_splats``.
+    """
+    found = model.splats(time, cameras)
+    # Gradients and statistics are by row; what is only drawn may be a cut of a tree.
+    rows = model.num_rows if torch.is_grad_enabled() else None
+    return checked_splats(f"{type(model).__name__}.splats", found, rows)
 
 
 def checked_groups(source: str, model: PrimitiveModel) -> None:

@@ -23,7 +23,7 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.returns import checked_splats
+from gsfw.core.returns import splats_of
 from gsfw.core.splats import Splats
 
 if TYPE_CHECKING:
@@ -128,10 +128,7 @@ class Team:
         time: Float[Tensor, ""] | None,
     ) -> Rendering:
         """Render a model at ``time``; its images are not decoded."""
-        found = model.splats(time, cameras)
-        # Gradients and statistics are by row; what is only drawn may be a cut of a tree.
-        rows = model.num_rows if torch.is_grad_enabled() else None
-        splats = checked_splats(f"{type(model).__name__}.splats", found, rows)
+        splats = splats_of(model, time, cameras)
         output = rasterizer.render(splats, cameras, settings)
         return Rendering(output, splats, [RenderedPart(splats, output.statistics)])
 

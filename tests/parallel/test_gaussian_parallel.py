@@ -222,6 +222,16 @@ def test_a_band_with_too_many_pairs_is_named_with_its_cause():
     in_threads(1, render)
 
 
+def test_splats_of_a_wrong_form_are_named_as_by_one_process():
+    def render(group):
+        model, camera, settings = gaussians(240), front_camera(64, 64), RenderSettings()
+        model.splats = lambda time, cameras: None  # type: ignore[assignment,method-assign]
+        with pytest.raises(ConfigError, match=r"Gaussians\.splats returned NoneType, expected Sp"):
+            Views(group, Division(SHARDS, 1), model, fast_rasterizer(), camera, settings, None, 240)
+
+    in_threads(1, render)
+
+
 def test_refined_poses_get_gradients_of_all_shards_of_a_process():
     camera = front_camera(64, 64)
     pose = camera.world_to_camera.clone().requires_grad_()
