@@ -159,26 +159,27 @@ def outcome(tallies: Sequence[Tally]) -> Outcome:
     return Outcome(
         [
             Promise(
-                "A damaged file ends in data or in a message: never in a traceback, a crash, a "
-                f"hang of more than {SECONDS:g} s, or values that are not finite.",
-                "Random changes of sound files and of the names in them, guided by the lines of "
-                "gsfw that they lead to; data sets with one damaged, absent or linked file.",
+                "A damaged file is read or refused with a message. No traceback, no crash, no hang "
+                f"of more than {SECONDS:g} s and no value that is not finite follows.",
+                "Random changes of valid files and of the names in them, guided by the coverage "
+                "of gsfw's code; data sets with one damaged, absent or linked file.",
                 f"{executions:,} executions of {len(tallies)} readers, {refused:,} refused with a "
                 f"message, {others} kinds of faults",
                 not others,
             ),
             Promise(
-                "A header or an archive cannot make a reader allocate what the file does not hold.",
-                f"Allocations may be {FIXED_BYTES >> 20} MB and {FACTOR} times the files; all "
-                f"executions have {HEADROOM >> 20} MB of address space left.",
+                "A header or an archive cannot make a reader allocate more memory than its file "
+                "justifies.",
+                f"The limit of memory is {FIXED_BYTES >> 20} MB plus {FACTOR} times the files; "
+                f"all executions have {HEADROOM >> 20} MB of address space left.",
                 f"{measured:,} executions measured, {len(large)} kinds of faults",
                 not large,
             ),
         ],
         [
             Detail(
-                "Executions by reader; the lines are those of gsfw that were passed, and the files "
-                "those that led to new lines:",
+                'Executions by reader. "Lines" counts the covered lines of gsfw, "files" the '
+                "files that reached new lines.",
                 ("reader", "executions", "refused", "lines", "files", "faults"),
                 [
                     (t.target, t.executions, t.refused, t.lines, t.kept, len(t.findings))

@@ -85,50 +85,50 @@ def outcome(found: Found, size: int) -> Outcome:
     promises = [
         Promise(
             "Memory does not grow over the steps of a training.",
-            f"{LEAK_SHARE * size:,.0f} steps of one kind, and the long runs: the slope of the "
-            f"anonymous memory over the second half, at most {MOST_DRIFT:.0f} bytes a step, and "
-            f"no more than {100 * MOST_GROWTH:.0f} % in all.",
+            f"{LEAK_SHARE * size:,.0f} steps of one kind, and the long runs: in the second half, "
+            f"anonymous memory grows by at most {MOST_DRIFT:.0f} bytes a step, and by at most "
+            f"{100 * MOST_GROWTH:.0f} % in all.",
             f"{found.clean.drift.per_step:.1f} bytes a step; a planted leak of 256 is measured as "
             f"{found.planted.drift.per_step:.1f}",
             holds=not _having(everything, Kind.MEMORY)
             and found.planted.drift.per_step > MOST_DRIFT,
         ),
         Promise(
-            "Long trainings end with finite numbers and a model that shows something.",
+            "Long trainings end with finite numbers and a model that shows the scene.",
             f"{size:,} steps, {methods} methods, {captures} captures at 1/10 to 1/32 of their "
             "size: every logged loss, the checkpoints, splats.ply, and the findings of the runs.",
             f"{len(found.runs)} runs, {len(_having(everything, Kind.RESULT))} of which failed",
             holds=not _having(everything, Kind.RESULT),
         ),
         Promise(
-            "A run that goes on from a checkpoint ends with the same bits.",
-            "Each run again from its last checkpoint but one: model, moments, generators, all "
-            "other state.",
+            "A run that continues from a checkpoint ends with the same bits.",
+            "Each run is repeated from its last checkpoint but one. Model, moments, generators and "
+            "all other state are compared.",
             f"{len(alike)} runs, {len(_having(everything, Kind.RESUME))} with a difference",
             holds=not _having(everything, Kind.RESUME),
         ),
         Promise(
-            "A run goes on with another instruction set, says so, and ends as well.",
-            f"The same checkpoint, with the kernels of {other_instruction_set() or 'none'}: the "
+            "A run continues with another instruction set, with a warning and the same quality.",
+            f"The same checkpoint, with the kernels of {other_instruction_set() or 'none'}: "
             f"warning, finite numbers, PSNR within {SAME_QUALITY:g} dB.",
             f"{len(alike)} runs, {len(_having(everything, Kind.PROCESSOR))} with a fault",
             holds=not _having(everything, Kind.PROCESSOR) and bool(other_instruction_set()),
         ),
         Promise(
-            "gsfw eval has the figures that the run has logged.",
+            "gsfw eval prints the figures that the run logged.",
             "PSNR and SSIM of every run, compared bit by bit.",
             f"{len(alike)} runs, {len(_having(everything, Kind.EVALUATION))} with a difference",
             holds=not _having(everything, Kind.EVALUATION),
         ),
         Promise(
-            "A training takes the memory that was estimated before it.",
-            "Two steps with as many Gaussians as 12 GB hold, of SH degree 1.",
+            "A training takes about the memory that was estimated before it.",
+            "Two steps with as many Gaussians of SH degree 1 as fit into 12 GB.",
             str(found.step),
             holds=found.step.holds,
         ),
     ]
     rows = [each.row for each in (found.clean, found.planted, *found.runs)]
-    title = "Runs; memory is that of the second half, and the second run has a planted leak:"
+    title = "Runs, with the memory of the second half; the second run has a planted leak:"
     return Outcome(promises, [Detail(title, COLUMNS, rows)], failures)
 
 

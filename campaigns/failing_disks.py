@@ -226,7 +226,7 @@ def _may_mount(place: Path) -> bool:
 
 
 def _end(ended: Ended) -> str:
-    return {0: "done all the same", 2: "one sentence, exit code 2"}.get(
+    return {0: "completed", 2: "one sentence, exit code 2"}.get(
         ended.code, f"exit code {ended.code}"
     )
 
@@ -277,23 +277,23 @@ def outcome(disks: Disks) -> Outcome:
     return Outcome(
         [
             Promise(
-                "A disk that fails ends a command in one sentence, or does not end it.",
-                "An error of a random open, write, rename, fsync, ftruncate, close, mmap, unlink "
-                "or mkdir, once or from then on, short writes, full and lost file systems. A study "
-                "tells of runs that failed, and ends with exit code 1.",
+                "A command on a failing disk ends with a message of one sentence, or completes.",
+                "A random open, write, rename, fsync, ftruncate, close, mmap, unlink or mkdir "
+                "fails, once or from then on; short writes, full and lost file systems. A study "
+                "lists the runs that failed, and ends with exit code 1.",
                 f"{total} faults: {ends}",
                 holds("traceback", "hangs", "no message", "not one", "exit code 1", "exit code -"),
             ),
             Promise(
-                "A failing disk damages nothing that was there, and a command goes on when the "
-                "disk is well.",
-                "Earlier checkpoints and files are read after each fault; then the command goes on "
-                "and its outputs are compared with those of an undisturbed one.",
+                "A failing disk damages no earlier file, and the command continues once the disk "
+                "works again.",
+                "Earlier checkpoints and files are read after each fault; then the command "
+                "continues, and its outputs are compared with those of an undisturbed one.",
                 f"{total} faults",
                 holds("damaged", "neither", "going on", "exit code 0, but"),
             ),
         ],
-        [Detail("Faults by way and verb:", ("way", *SHARES), rows)],
+        [Detail("Faults by kind and verb:", ("kind", *SHARES), rows)],
         disks.failures,
     )
 

@@ -73,7 +73,7 @@ class Trials:
         if number % 4 > 1:
             again, ended = self._killed(work, work.going_on(self.place, self.inputs), kind, False)
             if ended is not None:
-                self.tally.count(verb, "again while it goes on")
+                self.tally.count(verb, "again while it continues")
                 at = f"{at}, then {again}"
         self._check(work, at)
 
@@ -201,7 +201,7 @@ def try_all(trials: Trials, size: int, say: Callable[[str], None]) -> None:
         say(f"{verb}: {sum(trials.tally.counts.values())} points so far")
 
 
-KILLS = ("at a random time", "at a system call", "again while it goes on")
+KILLS = ("at a random time", "at a system call", "again while it continues")
 NAMES = tuple(each.name for each in SIGNALS)
 
 
@@ -216,20 +216,20 @@ def outcome(tally: Tally) -> Outcome:
     return Outcome(
         [
             Promise(
-                "A command that is killed goes on, and ends with the bits of an undisturbed one.",
-                "SIGKILL of all its processes at random times, and before or after random system "
+                "A killed command continues, and ends with the bits of an undisturbed one.",
+                "SIGKILL to all its processes at random times, and before or after random system "
                 "calls; then gsfw resume, or the same command.",
                 f"{tally.total(*KILLS)} kills of {', '.join(SHARES)}",
                 holds("SIGKILL"),
             ),
             Promise(
-                "Ctrl-C, SIGTERM and SIGHUP end a command in words, and it goes on.",
+                "Ctrl-C, SIGTERM and SIGHUP end a command with a message, and it can continue.",
                 "Each signal at random times and system calls.",
                 f"{tally.total(*NAMES)} signals",
                 holds(*NAMES),
             ),
             Promise(
-                "A clock that jumps changes no result.",
+                "A jump of the clock changes no result.",
                 "The clock goes back a day, or forward a year, during the command.",
                 f"{tally.total('clock jump')} jumps",
                 holds("clock moved"),

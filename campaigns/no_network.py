@@ -177,13 +177,13 @@ def _outcome(seen: Sequence[tuple[Sequence[str], list[str], Watched]]) -> Outcom
         [
             Promise(
                 "No verb needs a network.",
-                "A namespace with loopback alone; each use in a process of its own.",
+                "A network namespace with loopback only; each use is a process of its own.",
                 f"{count}, {len(unable)} failed",
                 not unable,
             ),
             Promise(
-                "No verb reaches for another machine, nor asks for its name, unless an address is "
-                "given or executor=ray.",
+                "No verb contacts another machine or a name server, unless an address or "
+                "executor=ray is given.",
                 f"The same uses under {witness}; Ray's own processes are listed below.",
                 f"{len(reached)} hosts beyond loopback in {count}",
                 not reached,
@@ -195,7 +195,7 @@ def _outcome(seen: Sequence[tuple[Sequence[str], list[str], Watched]]) -> Outcom
                 traced and not opened,
             ),
         ],
-        [Detail("Uses, and the hosts that they reached for:", ("use", "works", "hosts"), rows)],
+        [Detail("Uses, and the hosts that they contacted:", ("use", "works", "hosts"), rows)],
         [*unable, *reached, *opened],
     )
 

@@ -164,10 +164,11 @@ def outcome(found: Findings, operations: int) -> Outcome:
     return Outcome(
         [
             Promise(
-                "A power loss costs no checkpoint that was reported, and leaves no damaged file.",
+                "A power loss destroys no checkpoint that was reported as written, and leaves no "
+                "damaged file.",
                 "All writes, renames and fsyncs of a training are recorded and replayed up to "
-                "random operations; what was not synchronised is there, lost, zeros, or there in "
-                "part and in any order.",
+                "random operations. Operations that were not synchronised are kept, lost, "
+                "replaced by zeros, or kept in part and in any order.",
                 f"{total} states after {operations} operations, {found.resumed} trained to their "
                 "end",
                 not found.failures,
@@ -175,7 +176,7 @@ def outcome(found: Findings, operations: int) -> Outcome:
         ],
         [
             Detail(
-                "States by the fate of what was not synchronised:",
+                "States by the fate of the operations that were not synchronised:",
                 ("fate", "states"),
                 [[fate.value, found.states[fate.value]] for fate in Fate],
             )

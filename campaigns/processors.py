@@ -172,11 +172,11 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
     return Outcome(
         [
             Promise(
-                "Results hold with every x86 instruction set, and every variant of torch and the C "
-                "library.",
+                "Renders and gradients stay within their error bounds with every x86 instruction "
+                "set, and every variant of torch and the C library.",
                 "The catalogue of extremes, in float32 and float64, forward and backward, against "
-                "the reference. One machine plays several processors, by variables; another "
-                "make of processor was not at hand.",
+                "the reference. One machine stands for several processors, by environment "
+                "variables; no other make of processor was available.",
                 f"{drawings}, {faults} beyond their bounds",
                 faults == 0,
             ),

@@ -15,10 +15,11 @@ DEFECTS, KEPT_BY_TESTS = HERE / "defects.yaml", HERE / "kept_by_tests.yaml"
 
 INTRODUCTION = """# Reliability
 
-Promises of gsfw, how they are tried, and the counts of the last run. `python campaigns` runs all
-campaigns and writes this page. `python campaigns NAME` runs one. `python campaigns table` writes
-the page from the records in `campaigns/results/`. The tests run short forms of all campaigns, with
-planted defects that they must find.
+gsfw makes promises about damaged inputs, interruptions, disks, networks, processors and long runs.
+A campaign tries promises at scale; this page lists them with the counts of the last trial.
+`python campaigns` runs all campaigns and writes this page, `python campaigns NAME` runs one, and
+`python campaigns table` writes the page from the records in `campaigns/results/`. The tests run
+short forms of the campaigns, with planted defects that the campaigns must find.
 """
 
 
@@ -70,7 +71,7 @@ def _lines(
     promises = [each for record in records for each in record.promises]
     yield (
         f"{sum(each.holds for each in promises)} of {len(promises)} promises held when they were "
-        f"last tried. Campaigns have found {len(found)} defects, which are mended; each is listed "
+        f"last tried. Campaigns have found {len(found)} defects. All are fixed; each is listed "
         "below with its test.\n"
     )
     yield from _table(
@@ -83,7 +84,7 @@ def _lines(
     )
     if kept:
         yield "\n## Ordinary tests\n"
-        yield "`pytest` and `pytest -m slow` keep these at every change.\n"
+        yield "`pytest` and `pytest -m slow` test these promises at every change.\n"
         rows = [(each.promise, "<br>".join(f"`{test}`" for test in each.tests)) for each in kept]
         yield from _table(("Promise", "Tests"), rows)
     for record in records:
@@ -99,7 +100,7 @@ def _lines(
             yield ""
         mended = [each for each in found if each.campaign == record.campaign]
         if mended:
-            yield "Defects that were found and mended, each with the test that keeps it:\n"
+            yield "Defects that were found and fixed, each with its test:\n"
             yield from (f"* {each.defect} (`{each.test}`)" for each in mended)
             yield ""
 

@@ -135,9 +135,9 @@ def outcome(tally: Tally) -> Outcome:
     rows = [[verb, *(tally.counts[verb, end] for end in ENDS)] for verb in SHARES]
     total = sum(tally.counts.values())
     promise = Promise(
-        "Two commands at once in one place do not disturb each other.",
-        "A command twice, at once or a random time apart: each ends well or is refused with a "
-        "message, not both are refused, and then the outputs are the bits of an undisturbed one.",
+        "Two commands at the same time in one folder do not disturb each other.",
+        "A command runs twice, at the same time or a random time apart. At most one is refused, "
+        "with a message, and the outputs have the bits of an undisturbed command.",
         f"{total} races of {', '.join(SHARES)}",
         not tally.failures,
     )

@@ -131,9 +131,9 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
               if judged.verdict is Verdict.BROKEN]  # fmt: skip
     conditions, ways = len({each.condition.name for each in found}), len({e.way for e in found})
     promise = Promise(
-        "A training under wild conditions survives with finite results, or ends with its reason.",
+        "A training with extreme inputs has finite results, or ends with a message.",
         f"{conditions} conditions (rates, cameras, images, points, times, sizes) with {ways} "
-        f"ways to train (5 methods), {STEPS} steps each, every run in a process of its own.",
+        f"configurations (5 methods), {STEPS} steps each; every run is a process of its own.",
         f"{len(found):,} runs: {counts[Verdict.SURVIVED]:,} trained, {counts[Verdict.TOLD]:,} "
         f"ended with a message, {counts[Verdict.BROKEN]:,} broke the promise",
         holds=not broken,
@@ -150,7 +150,7 @@ def _table(found: dict[WildRun, Judged]) -> Detail:
         told = [judged.reason for judged in those if judged.verdict is Verdict.TOLD]
         rows.append([condition.name, *(counts[verdict] for verdict in Verdict), _first(told)])
     return Detail(
-        "Runs by condition, and the first message of those that ended with one:",
+        "Runs by condition, with the first message of the refused ones:",
         ("condition", *(verdict.value for verdict in Verdict), "message"),
         rows,
     )
