@@ -4,7 +4,7 @@ import re
 import shutil
 from pathlib import Path
 
-from navigation import SECTIONS, add_tables_of_contents
+from navigation import GROUPS, add_tables_of_contents
 from support.links import anchors, is_external, links
 
 from gsfw.core.loop.run_folder import RunFolder
@@ -86,6 +86,19 @@ def test_every_page_is_in_the_navigation_of_the_site_once(tmp_path):
     assert sorted(entries) == sorted(found)
 
 
-def test_every_folder_of_pages_is_a_section():
+def test_new_pages_of_every_folder_have_a_group():
     folders = {page.relative_to(DOCS).parts[0] for page in DOCS.glob("*/**/*.md")}
-    assert folders <= set(SECTIONS)
+    assert {f"{folder}/*" for folder in folders} <= {e for each in GROUPS.values() for e in each}
+
+
+def test_every_page_of_the_navigation_exists():
+    named = {entry for entries in GROUPS.values() for entry in entries if "*" not in entry}
+    generated = {"reference/verbs", "reference/settings", "reference/api"}
+    pages = {page.relative_to(DOCS).with_suffix("").as_posix() for page in DOCS.rglob("*.md")}
+    assert named - generated <= pages | {"plugins/slots"}
+
+
+def test_the_front_page_and_the_readme_have_the_groups_of_the_navigation():
+    for page in (DOCS / "index.md", ROOT / "README.md"):
+        found = re.findall(r"^\* \*\*(.+?)\*\*: \[", page.read_text("utf-8"), re.M)
+        assert found == list(GROUPS), page.name

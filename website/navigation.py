@@ -1,4 +1,4 @@
-"""Navigation: the order of sections and pages, as tables of contents that Sphinx reads."""
+"""Navigation: the groups of pages and their order, as tables of contents that Sphinx reads."""
 
 from __future__ import annotations
 
@@ -6,93 +6,78 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
+GROUPS: Mapping[str, Sequence[str]] = MappingProxyType(
     {
-        "start": ("Start", ("first-ten-minutes", "installation", "capture")),
-        "guides": (
-            "Guides",
-            (
-                *(
-                    "data",
-                    "remote-data",
-                    "prepare",
-                    "settings",
-                    "minutes",
-                    "run-outputs",
-                    "production",
-                ),
-                *("viewer", "render", "report", "terminal", "moving-scenes", "dense-start"),
-                *("growth", "requirements", "formats", "level-of-detail", "web", "edit", "mesh"),
-                *("model-file", "python", "existing-code", "studies", "many-machines"),
-                *("large-scenes", "very-large-scenes", "benchmarks", "cuda", "gpu"),
-            ),
+        "Start": (
+            *("start/first-ten-minutes", "start/installation", "start/capture", "start/*"),
+            "troubleshooting",
         ),
-        "explain": (
-            "Explanations",
-            ("how-splatting-works", "numerics", "one-step", "architecture", "threat-model"),
+        "Train": (
+            *("guides/data", "guides/prepare", "guides/settings", "guides/minutes"),
+            *("guides/terminal", "guides/run-outputs", "guides/moving-scenes", "guides/cuda"),
+            *("guides/dense-start", "guides/growth", "guides/requirements", "guides/studies"),
+            *("guides/remote-data", "guides/large-scenes", "guides/very-large-scenes"),
+            *("guides/many-machines", "guides/production", "guides/benchmarks", "guides/*"),
         ),
-        "plugins": (
-            "Plugins",
-            ("index", "first-plugin", "slots", "recipes", "conformance", "versions-and-shipping"),
+        "Use the result": (
+            *("guides/viewer", "guides/render", "guides/report", "guides/formats", "guides/web"),
+            *("guides/edit", "guides/mesh", "guides/level-of-detail", "guides/model-file"),
         ),
-        "from": ("Coming from", ("nerfstudio", "gsplat", "inria")),
-        "results": (
-            "Results",
-            (
-                *("expected-results", "performance", "what-accuracy-costs", "compression"),
-                *("moving-scenes-measured", "moving-scenes-settings", "planned-runs"),
-                *("cameras-from-photos", "checking"),
-                *("stress", "reliability", "findings"),
-            ),
+        "Write code": (
+            *("guides/python", "guides/existing-code", "plugins/index", "plugins/first-plugin"),
+            *("plugins/slots", "plugins/recipes", "plugins/conformance"),
+            *("plugins/versions-and-shipping", "plugins/*"),
         ),
-        "reference": ("Reference", ("verbs", "settings", "api", "glossary", "licences")),
-        "": ("Help", ("troubleshooting",)),
+        "Measurements": (
+            *("results/expected-results", "results/performance", "guides/gpu"),
+            *("results/what-accuracy-costs", "results/compression", "results/planned-runs"),
+            *("results/cameras-from-photos", "results/moving-scenes-measured"),
+            *("results/moving-scenes-settings", "results/stress", "results/reliability"),
+            "results/*",
+        ),
+        "Explanations": (
+            *("explain/how-splatting-works", "explain/one-step", "explain/architecture"),
+            *("explain/numerics", "results/checking", "results/findings"),
+            *("explain/threat-model", "explain/*"),
+        ),
+        "Other frameworks": ("from/nerfstudio", "from/gsplat", "from/inria", "from/*"),
+        "Reference": (
+            *("reference/verbs", "reference/settings", "reference/api", "reference/glossary"),
+            *("reference/licences", "reference/*"),
+        ),
     }
 )
-"""Title of each folder, and its pages in order; other pages follow by name."""
+"""Pages of each group in order, relative to docs/. ``folder/*`` stands for its other pages."""
+
+_NAMED = frozenset(entry for entries in GROUPS.values() for entry in entries)
 
 
 def add_tables_of_contents(folder: Path) -> None:
-    """Append the tables of contents of all sections to a folder's index page.
+    """Append the tables of contents of all groups to a folder's index page.
 
-    The pages of a folder within a section are below its own ``index.md``, where it has one.
+    The pages of a folder within a folder are below its own ``index.md``.
     """
-    blocks = [
-        _table(title, list(_entries(folder, section, order)))
-        for section, (title, order) in SECTIONS.items()
-    ]
-    _append(folder / "index.md", "".join(blocks))
+    for title, entries in GROUPS.items():
+        pages = [page for entry in entries for page in _pages(folder, entry)]
+        _append_table(folder / "index.md", pages, title)
 
 
-def _entries(root: Path, section: str, order: Sequence[str]) -> Iterator[str]:
-    """Names of the pages and folders of a section, in order, relative to ``root``."""
-    found = [path for path in (root / section).glob("*") if _is_entry(path, root, section)]
-    places = {name: place for place, name in enumerate(order)}
-    for path in sorted(found, key=lambda item: (places.get(item.stem, len(places)), item.stem)):
-        if path.is_file():
-            yield path.relative_to(root).with_suffix("").as_posix()
-        elif (path / "index.md").is_file():
-            pages = sorted(page.stem for page in path.glob("*.md") if page.stem != "index")
-            _append(path / "index.md", _table("", pages))
-            yield (path / "index").relative_to(root).as_posix()
-        else:
-            pages = sorted(path.glob("*.md"))
-            yield from (page.relative_to(root).with_suffix("").as_posix() for page in pages)
+def _pages(root: Path, entry: str) -> Iterator[str]:
+    """Names of the pages of an entry, relative to ``root``."""
+    if entry.endswith("/*"):
+        others = {path.relative_to(root).with_suffix("").as_posix() for path in root.glob(entry)}
+        for other in sorted(others - _NAMED):
+            yield from _pages(root, other)
+    elif (root / f"{entry}.md").is_file():
+        yield entry
+    elif (index := root / entry / "index.md").is_file():
+        below = sorted(page.stem for page in index.parent.glob("*.md") if page != index)
+        _append_table(index, below)
+        yield f"{entry}/index"
 
 
-def _is_entry(path: Path, root: Path, section: str) -> bool:
-    """True for a page, and for a folder with pages, that belongs to the section itself."""
-    if not section:  # The pages beside the folders of the other sections.
-        return path.suffix == ".md" and path != root / "index.md"
-    return path.suffix == ".md" or (path.is_dir() and any(path.glob("*.md")))
-
-
-def _table(title: str, pages: Sequence[str]) -> str:
-    caption = [f":caption: {title}"] if title else []
-    if not pages:
-        return ""
-    return "\n".join(["", "```{toctree}", ":hidden:", *caption, "", *pages, "```", ""])
-
-
-def _append(page: Path, text: str) -> None:
-    page.write_text(page.read_text(encoding="utf-8") + text, encoding="utf-8")
+def _append_table(page: Path, entries: Sequence[str], title: str = "") -> None:
+    if entries:
+        caption = [f":caption: {title}"] if title else []
+        table = ["", "```{toctree}", ":hidden:", *caption, "", *entries, "```", ""]
+        page.write_text(page.read_text(encoding="utf-8") + "\n".join(table), encoding="utf-8")
