@@ -331,7 +331,7 @@ def render(
 
     _check_source(source)
     if time is not None:
-        raise ConfigError("render: splats are those of one time already.", "Leave out time.")
+        raise ConfigError("render: these splats belong to one time already.", "Leave out time.")
     means = source.means
     batch = one_batch(cameras).to(means.device, means.dtype)
     color = background_tensor(background, dtype=means.dtype)

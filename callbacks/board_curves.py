@@ -39,7 +39,7 @@ RESULTS = ("train_seconds", "model_bytes", "peak_memory_mb", "peak_gpu_memory_mb
 """Figures that a run has only at its end."""
 
 LAYOUT = {
-    "Is it working?": {
+    "Quality": {
         "PSNR in dB: training image, held-out images, one colour": [
             "Multiline",
             [rf"^{OVERVIEW}/psnr_"],
@@ -48,7 +48,7 @@ LAYOUT = {
         "Gaussians": ["Multiline", [rf"^{COUNT}$"]],
         "minutes left": ["Multiline", [rf"^{OVERVIEW}/time_left_minutes$"]],
     },
-    "Where does it come from?": {
+    "Loss and growth": {
         "terms of the loss, weighted": ["Multiline", [rf"^{LOSSES}/"]],
         "Gaussians added and removed since the last point": ["Multiline", [rf"^{GAUSSIANS}/"]],
         "PSNR of training and held-out views, and of images without a model, in dB": [
@@ -56,7 +56,7 @@ LAYOUT = {
             [rf"^{HELD_OUT_PSNR}$", rf"^{QUALITY}/.*psnr"],
         ],
     },
-    "What does it cost?": {
+    "Cost": {
         "time of a step by stage, in milliseconds": ["Multiline", [rf"^{TIME}/.*_ms$"]],
         "peak memory in GB": ["Multiline", [rf"^{MEMORY}/"]],
         "learning rates": ["Multiline", [rf"^{RATES}/"]],

@@ -40,7 +40,7 @@ def settings_page(settings: Mapping[str, Any]) -> str:
 def findings_page(step: int, findings: Sequence[Finding]) -> str:
     """The reasons why a result is not sound after some steps, or that there are none."""
     if not findings:
-        return f"After {step:,} steps nothing speaks against the result."
+        return f"There are no findings after {step:,} steps."
     items = "\n".join(f"* **{_escaped(item.key)}**: {_escaped(item.message)}" for item in findings)
     return f"After {step:,} steps:\n\n{items}"
 

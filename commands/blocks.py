@@ -154,7 +154,8 @@ def _training(options: BlocksOptions, given: dict[str, str]) -> BlockTraining:
     check(settings, registry)
     if "dynamic" in settings.method.tags and "static" not in settings.method.tags:
         raise ConfigError(
-            f"method {settings.method.name} moves, and blocks are merged at rest.",
+            f"method {settings.method.name} is for moving scenes, and blocks are merged "
+            "as static models.",
             "Use a method for static scenes, such as method=3dgs.",
         )
     return training

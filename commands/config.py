@@ -28,7 +28,7 @@ def run(tokens: list[str]) -> int:
         raise HelpRequested(paragraphs(HELP))
     if arguments.words[:1] != ("show",):
         raise ConfigError(
-            "gsfw config: what to do is missing.", "Write gsfw config show method=NAME."
+            "gsfw config: the action is missing.", "Write gsfw config show method=NAME."
         )
     arguments = replace(arguments, words=arguments.words[1:])
     settings = read_settings("train", arguments, installed())

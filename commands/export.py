@@ -180,7 +180,7 @@ def _check_fit(options: ExportOptions, holds: Holds) -> None:
         what = "the model" if holds is Holds.MODEL else "splats"
         raise ConfigError(
             f"format={options.format} holds {what} at all times: leave out time and times.",
-            "For what it looks like at one of them: format=ply time=0.5",
+            "To write one time: format=ply time=0.5",
         )
 
 
@@ -291,7 +291,7 @@ class _Export:
         count = sum(bytes_of(path) for path in files)
         self.console.say(
             f"{len(files)} files after {step} steps, {size(count)}: {folder}\n"
-            f"when each of them is: {sequence.index}"
+            f"times of the files: {sequence.index}"
         )
         return {"written": [*map(str, files)], "index": str(sequence.index), "bytes": count}
 

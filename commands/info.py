@@ -83,7 +83,7 @@ def _describe(options: InfoOptions, registry: Registry, console: Console) -> dic
         raise ConfigError(f"gsfw info: both {what} and data={data} are given.", "Give one of them.")
     if not what and not data and options.format != BUILT_IN_SCENE:
         raise ConfigError(
-            "gsfw info: what to describe is missing.",
+            "gsfw info: the file, run or data set is missing.",
             "Give a splat file, a run, latest, or a data set; see gsfw info --help.",
         )
     if what == LATEST or what.endswith(".pt") or (what and RunFolder(Path(what)).config.is_file()):

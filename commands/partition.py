@@ -168,7 +168,7 @@ def _tell(console: Console, plan: Plan, wishes: Wishes, path: Path) -> None:
     heads = ["block", "views", "held out", "points", "Gaussians (about)", "memory (about)"]
     console.table(heads, rows)
     how = "the tracks of the reconstruction" if plan.by_tracks else "projected points"
-    console.say(f"views see what {how} say")
+    console.say(f"visibility of points follows from {how}")
     whole = plan.whole
     if whole.memory_mb > wishes.memory_mb:
         console.say(

@@ -103,7 +103,7 @@ def _check(options: StudyOptions) -> None:
         raise ConfigError(f"budget.minutes={minutes:g}: expected more than 0.")
     if options.table and (options.dry or options.again):
         raise ConfigError(
-            "table=true runs nothing, so dry and again mean nothing with it.", "Leave them out."
+            "table=true runs nothing, so dry and again have no effect.", "Leave them out."
         )
 
 
@@ -214,7 +214,7 @@ def _tell_rest(console: Console, runner: Runner, control: Control, options: Stud
     """Print the causes of remaining runs, and the next command."""
     if not runner.pending:
         return
-    why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
+    why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is used up"
     further = "The same command continues."
     if options.again:
         further = "The same command makes all of them again; only=ROW,SCENE names those left."

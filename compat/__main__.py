@@ -81,7 +81,10 @@ def run(script: Path, always: bool) -> int:
         [f"{', '.join(done.kept)} kept as installed (--always replaces it)"] if done.kept else []
     )
     if not gpu:
-        notes += ["there is no GPU, so installed ones are replaced too", "cuda means cpu"]
+        notes += [
+            "there is no GPU, so installed ones are replaced too",
+            "the device cuda stands for the CPU",
+        ]
     notes.append(f"rasterizer {os.environ.get('GSFW_RASTERIZER', 'auto')}")
     _say(f"gsfw.compat: {'; '.join(notes)}.")
     try:

@@ -19,7 +19,7 @@ class Info(dict[str, Any]):
     """Intermediate results, by gsplat's names."""
 
     def __missing__(self, name: str) -> Any:  # noqa: ANN401
-        raise KeyError(f"info[{name!r}] is not served by gsfw.compat, which has {sorted(self)}")
+        raise KeyError(f"info[{name!r}] is not supported by gsfw.compat, which has {sorted(self)}")
 
 
 @dataclass(frozen=True)

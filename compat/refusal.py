@@ -21,7 +21,7 @@ def refuse(function: str, argument: str, advice: str = ELSEWHERE) -> UnservedArg
         argument: its name, with the value where only some values are refused.
         advice: the next step of the user.
     """
-    return UnservedArgument(f"{function}: gsfw.compat does not serve {argument}.", advice)
+    return UnservedArgument(f"{function}: gsfw.compat does not support {argument}.", advice)
 
 
 def refuse_unknown(

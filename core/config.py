@@ -374,5 +374,5 @@ class MethodConfig(ABC):
             raise ConfigError(
                 f"resolution_steps={self.resolution_steps}: expected less than steps={self.steps}, "
                 "so that training ends on full-size images.",
-                "Leave it out to have it follow from steps (not with rescale=false), or give less.",
+                "Leave it out: it then follows from steps (not with rescale=false). Or give less.",
             )

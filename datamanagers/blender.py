@@ -45,7 +45,7 @@ class BlenderConfig(CaptureConfig):
         }
         if "train" not in files:
             raise DataError(
-                f"{folder} contains no {SPLIT_FILES['train']}.", "Give the folder that does."
+                f"{folder} contains no {SPLIT_FILES['train']}.", "Give the folder that contains it."
             )
         held = files.get(self.eval_split)
         # Without a split of its own the data set's images are held out by name, as any others.

@@ -125,7 +125,7 @@ def common_rate(sequences: Sequence[CameraSequence], asked: float) -> tuple[floa
         return asked, "datamanager.fps"
     rated = [(item.video.rate, item) for item in sequences if item.video and item.video.rate > 0]
     if not rated:
-        return USUAL_RATE, "the usual one; datamanager.fps=N gives another"
+        return USUAL_RATE, "the default; datamanager.fps=N sets another"
     rate, first = rated[0]
     for other, item in rated:
         if abs(other - rate) > SAME_RATE * rate:

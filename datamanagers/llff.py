@@ -104,7 +104,7 @@ class LlffConfig(ImageFolderConfig):
     def _recording(self, root: Path, images: Path, shrunk: int) -> Recording:
         file = root / FILE
         if not file.is_file():
-            raise DataError(f"{root} contains no {FILE}.", "Give the folder that does.")
+            raise DataError(f"{root} contains no {FILE}.", "Give the folder that contains it.")
         table = read_rows(file)
         files = _images_in(images)
         if len(files) != len(table):

@@ -251,5 +251,5 @@ def _part_inside(frame: Frame, rule: MaskRule) -> float:
 
 def _meaning(rule: MaskRule) -> str:
     if rule.mode is MaskMode.EMPTY:
-        return "what is outside is background (datamanager.mask_mode=empty)"
-    return "what is outside carries no loss (datamanager.mask_mode=ignore)"
+        return "pixels outside of the masks are background (datamanager.mask_mode=empty)"
+    return "pixels outside of the masks have no loss (datamanager.mask_mode=ignore)"

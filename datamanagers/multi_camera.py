@@ -49,7 +49,7 @@ class MultiCameraConfig(CaptureConfig, ABC):
         if not chosen:
             raise DataError(
                 f"{where} has {count} times, and datamanager.first={self.first} is after them.",
-                "Begin earlier.",
+                "Lower datamanager.first.",
             )
         return chosen
 

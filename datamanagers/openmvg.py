@@ -57,7 +57,7 @@ class OpenMvgConfig(ImageFolderConfig):
             found = _binary(path)
             raise DataError(
                 f"{path} contains no {FILES[0]}" + (f"; found {found}." if found else "."),
-                "Give the folder that does, or the file.",
+                "Give the folder that contains it, or the file.",
             )
         content = mapping(read_json(file), str(file))
         root = file.absolute().parent

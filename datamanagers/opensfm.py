@@ -109,7 +109,7 @@ class OpenSfmConfig(ImageFolderConfig):
         file = _file(path)
         if not file.is_file():
             raise DataError(
-                f"{path} contains no {FILE}.", "Give the folder that does, or the file."
+                f"{path} contains no {FILE}.", "Give the folder that contains it, or the file."
             )
         content, others = _largest(file)
         root = _root(file)

@@ -62,7 +62,7 @@ class PanopticConfig(MultiCameraConfig):
         }
         if Split.TRAIN not in files:
             raise DataError(
-                f"{folder} contains no {FILES[Split.TRAIN]}.", "Give the folder that does."
+                f"{folder} contains no {FILES[Split.TRAIN]}.", "Give the folder that contains it."
             )
         count = min(len(file) for file in files.values())
         rate, source = common_rate((), self.fps)

@@ -69,7 +69,7 @@ class PolycamConfig(CaptureConfig):
             raise DataError(
                 f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} images score "
                 "lower.",
-                "Ask for less.",
+                "Lower datamanager.min_blur_score.",
             )
         root = keyframes.absolute().parent
         points, colors = no_points()

@@ -43,7 +43,7 @@ class TransformsConfig(CaptureConfig):
         file = _file(path)
         if not file.is_file():
             raise DataError(
-                f"{path} contains no {FILE}.", "Give the folder that does, or the file."
+                f"{path} contains no {FILE}.", "Give the folder that contains it, or the file."
             )
         return _recording(replace(TransformsFile.read(file), with_depth=self.depth))
 

@@ -135,7 +135,7 @@ class TransformsFile:
             time=number(entry, "time", where),
             mask=self._named(entry, "mask_path", "use every pixel", where),
             moving=self._named(
-                entry, "motion_mask_path", "let evaluation find what moves itself", where
+                entry, "motion_mask_path", "let evaluation detect what moves", where
             ),
             maps=self._maps(entry, where),
         )

@@ -95,7 +95,8 @@ def run_splats(restored: Restored) -> SplatFile:
     composition = restored.composition
     if is_dynamic(composition):
         raise ConfigError(
-            f"method {composition.settings.method.name} moves, and blocks are merged at rest.",
+            f"method {composition.settings.method.name} is for moving scenes, and blocks are "
+            "merged as static models.",
             "Use a method for static scenes, such as method=3dgs.",
         )
     composition.parts.data.close()

@@ -113,7 +113,7 @@ def native_failure(task: str, database: Path, said: str) -> DataError:
         said: what COLMAP said; its last line is shown.
     """
     lines = [line.strip() for line in said.splitlines() if line.strip()]
-    reason = SOURCE_LINE.sub("", lines[-1]).rstrip(".") if lines else "it stopped without a word"
+    reason = SOURCE_LINE.sub("", lines[-1]).rstrip(".") if lines else "it stopped without a message"
     return DataError(f"COLMAP could not {task} with {database}: {reason}.", ADVICE)
 
 

@@ -136,7 +136,7 @@ def _check_still(composition: Composition, what: str, rule: FilmRule) -> None:
         )
     if rule.camera and rule.file is None:
         raise ConfigError(
-            f"camera={rule.camera}: {why}, and only what=time looks through the camera of a view.",
+            f"camera={rule.camera}: {why}, and only what=time renders from the camera of a view.",
             "Leave camera out, or give it the file of a camera path.",
         )
 

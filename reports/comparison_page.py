@@ -166,7 +166,7 @@ def _marks(comparison: RunComparison) -> str:
         return "Green: the best of each row, and what is nearly as good."
     return (
         "Green: the best of each row, and what is nearly as good. Times and memory have no mark: "
-        "nothing says that the runs are of equal machines."
+        "the runs may be of different machines."
     )
 
 

@@ -53,7 +53,7 @@ def time_section(record: RunRecord) -> Markup:
     if chart is None:
         return join(())
     protocol = record.protocol.get("moving_region")
-    lead = f"What moves: {protocol}." if protocol else ""
+    lead = f"Moving region: {protocol}." if protocol else ""
     return section("time", "Over time", div("charts one", chart.markup()), lead)
 
 

@@ -63,7 +63,7 @@ def _quality(record: RunRecord) -> list[Markup]:
         _tile("PSNR", record.figure("psnr"), "dB", "; ".join(remarks)),
         _tile("SSIM", record.figure("ssim"), "", "1: like the photos", 4),
         _tile(
-            "PSNR of what moves",
+            "PSNR of the moving region",
             record.figure("moving_psnr"),
             "dB",
             "" if moving is None else f"{NAMES['constant_psnr']} {moving:.2f}",

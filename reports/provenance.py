@@ -43,9 +43,9 @@ def settings_section(record: RunRecord) -> Markup:
         )
     )
     if chosen:
-        content.append(folded(f"{len(chosen)} settings that somebody chose", _settings(chosen)))
+        content.append(folded(f"{len(chosen)} chosen settings", _settings(chosen)))
     if planned:
-        title = f"{len(planned)} settings that were planned for the time that somebody gave"
+        title = f"{len(planned)} settings planned for the given time"
         content.append(folded(title, _settings(planned)))
     if others:
         content.append(folded(f"{len(others)} settings that follow from them", _settings(others)))

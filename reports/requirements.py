@@ -9,9 +9,9 @@ from gsfw.reports.markup import NOTHING, Markup, bullet_list, element, folded, j
 from gsfw.reports.run_record import RunRecord, listed, number
 
 LISTS = (
-    ("could_go", "What could go"),
-    ("left_out", "What the model does without"),
-    ("not_measured", "What was not measured"),
+    ("could_go", "Parts that could be left out"),
+    ("left_out", "Parts left out"),
+    ("not_measured", "Not measured"),
 )
 """Keys of lists of sentences, and their headings."""
 
@@ -33,7 +33,7 @@ def requirements_section(record: RunRecord) -> Markup:
         content.append(folded("How this was measured", element("p", how)))
     headline = str(found.get("headline", ""))
     lead = headline[:1].upper() + headline[1:] + ("." if headline else "")
-    return section("requirements", "What the scene required", content, lead)
+    return section("requirements", "Requirements of the scene", content, lead)
 
 
 def _groups(found: Mapping[str, Any]) -> Markup:
@@ -54,9 +54,7 @@ def _groups(found: Mapping[str, Any]) -> Markup:
                 "-" if gain is None else f"{gain:+.2f} dB",
             ]
         )
-    return (
-        table(["part of the model", "numbers", "share", "PSNR it buys"], rows) if rows else NOTHING
-    )
+    return table(["part of the model", "numbers", "share", "PSNR gain"], rows) if rows else NOTHING
 
 
 def _motion(found: Mapping[str, Any]) -> Markup:
@@ -78,5 +76,5 @@ def _least_useful(found: Mapping[str, Any]) -> Markup:
             rows.append([f"{100 * part:g} %", f"{loss:+.2f} dB"])
     if not rows:
         return NOTHING
-    losses = table(["least useful Gaussians", "PSNR they buy"], rows)
+    losses = table(["least useful Gaussians", "PSNR gain"], rows)
     return folded("The least useful Gaussians", losses)

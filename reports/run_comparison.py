@@ -70,8 +70,8 @@ def _measured(key: str, name: str, text: Callable[[float], str]) -> Figure:
 QUALITY = (
     Figure("psnr", "PSNR", "{:.2f} dB".format, 1, PSNR_MARGIN),
     Figure("ssim", "SSIM", "{:.4f}".format, 1, SSIM_MARGIN),
-    Figure("moving_psnr", "PSNR of what moves", "{:.2f} dB".format, 1, PSNR_MARGIN),
-    Figure("moving_ssim", "SSIM of what moves", "{:.4f}".format, 1, SSIM_MARGIN),
+    Figure("moving_psnr", "PSNR of the moving region", "{:.2f} dB".format, 1, PSNR_MARGIN),
+    Figure("moving_ssim", "SSIM of the moving region", "{:.4f}".format, 1, SSIM_MARGIN),
 )
 COST = (
     Figure("training_psnr", "PSNR of training views", "{:.2f} dB".format),

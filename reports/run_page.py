@@ -92,7 +92,7 @@ def state_notes(record: RunRecord) -> list[str]:
         return [_unfinished(record, path)]
     if record.figure("views") == 0:
         return [
-            "No view is held out, so nothing tells how new views look: hold some out with "
+            "No view is held out, so the quality of new views is unknown: hold some out with "
             "holdout_every=8."
         ]
     if not record.per_view and record.figure("psnr") is None:

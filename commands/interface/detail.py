@@ -103,14 +103,14 @@ def within_budget(restored: Restored, detail: Detail) -> Restored:
     parts = restored.composition.parts
     if is_dynamic(restored.composition):
         raise ConfigError(
-            "budget: a tree of levels of detail stands for a static model, and this one moves.",
+            "budget: levels of detail need a static model, and this one moves.",
             "Leave budget and detail out; or draw one time of it: gsfw export RUN format=lod "
             "time=0.5",
         )
     splats = with_axes(parts.model.splats().map(lambda tensor: tensor.detach()).to("cpu"))
     if not isinstance(splats.colors, Sh):
         raise ConfigError(
-            "budget: this model renders features, which Gaussians of a tree cannot stand for.",
+            "budget: this model renders features, which levels of detail cannot represent.",
             "Leave budget and detail out.",
         )
     with stage("building the levels of detail"):

@@ -122,7 +122,7 @@ def _refuse_here(options: ExecutorOptions, given: Mapping[str, bool]) -> None:
     for name, is_given in {**given, f"ray.address={address}": address != "auto"}.items():
         if options.executor == "local" and is_given:
             raise ConfigError(
-                f"{name} means nothing with executor=local, whose jobs share this machine.",
+                f"{name} has no effect with executor=local, where jobs share this machine.",
                 "Add executor=ray, or leave it out.",
             )
 

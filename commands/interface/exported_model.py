@@ -24,7 +24,7 @@ def check_finetune(steps: int, found: RunArgument, exporter: Exporter) -> None:
     """
     if steps and not (isinstance(exporter, ModelFileExporter) and exporter.is_compressed):
         raise ConfigError(
-            f"finetune={steps}: only compressed model files are rounded so coarsely that it pays.",
+            f"finetune={steps}: fine-tuning is for compressed model files.",
             "Add format=gsfw format.precision=compressed, or leave finetune out.",
         )
     if steps and found.model_file is not None:

@@ -46,7 +46,7 @@ def _check_empty(out: str) -> None:
     if (path / "config.yaml").exists():
         raise OutputError(
             f"out={out}: this folder holds a run already.",
-            f"Go on with it: gsfw resume {out}, or choose another folder with out=DIR.",
+            f"Continue it: gsfw resume {out}, or choose another folder with out=DIR.",
         )
     if path.is_dir() and any(item.name not in (LOCK, CLAIM) for item in path.iterdir()):
         raise OutputError(

@@ -96,13 +96,13 @@ RULES = (
     Rule(
         ("fps",), "images",
         lambda options: options.images != "exr",
-        "EXR files make no film, which alone has a speed",
+        "EXR files make no film, and fps is the speed of a film",
         "Render images=png",
     ),
     Rule(
         ("fps",), "video",
         lambda options: options.video != "none",
-        "there is no film, which alone has a speed",
+        "there is no film, and fps is the speed of a film",
         "Render video=auto",
     ),
     Rule(
@@ -114,7 +114,7 @@ RULES = (
     Rule(
         ("camera",), "what",
         lambda options: _has_file(options) or options.what in ("all", "time"),
-        "only what=time looks through the camera of a view",
+        "only what=time renders from the camera of a view",
         "Render what=time",
     ),
     Rule(
@@ -145,7 +145,7 @@ RULES = (
         ("tracks",), "channel",
         lambda options: not options.channel or "color" in options.channel,
         "tracks are drawn on the colours",
-        "Let channel have color",
+        "Add color to channel",
     ),
     Rule(
         ("colormap", "range"), "images",
@@ -160,14 +160,14 @@ CHANNEL_RULES = (
     Rule(
         ("colormap", "range"), "channel",
         lambda options: any(channel.kind == "scalar" for channel in _shown(options)),
-        "no channel has values, which alone are coloured",
+        "colour maps and ranges are for channels of values, and none is drawn",
         "Render channel=color,depth or another one of values",
     ),
     Rule(
         ("background",), "channel",
         lambda options: any(channel.name in BEFORE_BACKGROUND for channel in _shown(options)),
         "no channel shows what is behind the scene",
-        "Let channel have color",
+        "Add color to channel",
     ),
 )  # fmt: skip
 """Rules on the kinds of the channels."""

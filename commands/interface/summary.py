@@ -55,7 +55,7 @@ def quality_rows(means: Mapping[str, float], baselines: Mapping[str, Any], views
     others = [f"{name} has {value:.2f} dB" for name, value in known if isinstance(value, float)]
     remarks = {"psnr": "; ".join([f"mean of {views}", *others])}
     moving = baselines.get("constant_moving_psnr")
-    remarks["moving_psnr"] = "of what moves"
+    remarks["moving_psnr"] = "of the moving region"
     if isinstance(moving, float):
         remarks["moving_psnr"] += f"; one colour has {moving:.2f} dB there"
     names = [name for name in FIRST_METRICS if name in means]

@@ -156,7 +156,7 @@ def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console, ending
     if not summary["completed"]:
         console.say(
             f"stopped after {summary['steps']} of {steps} steps: {summary['stopped']}.\n"
-            f"Go on with: gsfw resume {quoted(folder)}"
+            f"Continue with: gsfw resume {quoted(folder)}"
         )
         return
     findings = summary["findings"]

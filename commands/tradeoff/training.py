@@ -254,8 +254,8 @@ def _tell_sizing(
         )
         if experiment.fewer_to_start is not None:
             console.say(
-                f"random_points={experiment.fewer_to_start}: images of that size have no use for "
-                "more"
+                f"random_points={experiment.fewer_to_start}: more would not improve images "
+                "of that size"
             )
     elif options.budget.minutes is not None:
         console.say(
@@ -315,5 +315,5 @@ def _tell_rest(
     """Print the causes of remaining runs, and the next command."""
     left = experiment.left()
     if left:
-        why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
+        why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is used up"
         console.say(f"{left} runs are left: {why}. The same command continues.")

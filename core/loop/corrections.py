@@ -90,7 +90,7 @@ class CaptureCorrections(nn.Module):
         if self.exposures is not None:
             said["exposure"] = "learnt for training images; held-out images are rendered without it"
         if self.poses is not None:
-            said["poses"] = "training cameras are refined, held-out ones stand as given"
+            said["poses"] = "training cameras are refined, held-out cameras stay as given"
         return said
 
     def load_state(self, checkpoint: Mapping[str, Any]) -> None:

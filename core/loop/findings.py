@@ -163,7 +163,7 @@ def _dying_gaussians(evidence: Evidence) -> Finding | None:
     return Finding(
         "dying-gaussians",
         f"{visible:,} of {evidence.rows:,} Gaussians are opaque enough to be seen, after {most:,} "
-        "before: they die faster than they grow. "
+        "before: more of them vanish than are added. "
         + _try([*remedies, *_against_vanishing(evidence), _check(evidence)]),
     )
 
@@ -182,9 +182,9 @@ def _motion_not_found(evidence: Evidence) -> Finding | None:
         return None
     return Finding(
         "motion-not-found",
-        f"what moves has {moving:.2f} dB, and {name} would have {best:.2f} dB there: of what moves "
-        "(nearly) nothing is found. What is present for a short time vanishes first. "
-        + _try([_longer(evidence), *_against_vanishing(evidence), "another method"]),
+        f"the moving region has {moving:.2f} dB, and {name} would have {best:.2f} dB there: "
+        "(nearly) no motion is reconstructed. Parts that are present for a short time vanish "
+        "first. " + _try([_longer(evidence), *_against_vanishing(evidence), "another method"]),
     )
 
 
@@ -206,8 +206,9 @@ def _overfitting(evidence: Evidence) -> Finding | None:
         cause = "cameras that are misplaced or have a wrong focal length, or too few views"
     return Finding(
         "overfitting",
-        f"training views have {training:.1f} dB and {evidence.what} {psnr:.1f} dB: the model fits "
-        f"each image by itself. Likely cause: {cause}. " + _try([_check(evidence), *remedies]),
+        f"training views have {training:.1f} dB and {evidence.what} {psnr:.1f} dB: the model "
+        f"overfits the training images. Likely cause: {cause}. "
+        + _try([_check(evidence), *remedies]),
         is_collapse=False,
     )
 

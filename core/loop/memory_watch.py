@@ -122,7 +122,7 @@ class MemoryWatch:
         if look.new_rows >= rows:
             return GrowthLimits()
         if look.new_rows < USUAL_GROWTH * rows and trainer.parts.team.leads:
-            self._tell(trainer, look.memory, "growth slows down, and ends where memory does")
+            self._tell(trainer, look.memory, "growth slows down, and stops before memory is full")
         return GrowthLimits(max_rows=rows + look.new_rows)
 
     def _tell(self, trainer: Trainer, memory: MachineMemory, measure: str) -> None:

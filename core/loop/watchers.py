@@ -82,7 +82,7 @@ class Watchers(Callback):
         except Exception as error:
             self._callbacks.remove(callback)
             logger.warning(
-                "%s failed in %s and is off from here on; the run continues: %s: %s",
+                "%s failed in %s and is switched off; the run continues: %s: %s",
                 callback.origin or f"callback {type(callback).__name__}",
                 event,
                 type(error).__name__,

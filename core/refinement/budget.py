@@ -248,7 +248,7 @@ class Budget(Refiner):
         if gain is not None and cost is not None:
             self._poor = self._poor + 1 if gain < cost else 0
         if self._poor == PATIENCE:
-            self._stop(done, "a Gaussian more brings less than the least useful ones cost")
+            self._stop(done, "another Gaussian gains less than the least useful ones contribute")
 
     def _cost(self, seen: Contributions) -> float | None:
         """Cost of the removal of one of the least useful rows."""

@@ -59,7 +59,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
         folders = _folders(path)
         if not folders:
             raise DataError(
-                f"{path} contains no {PREFIX}0, {PREFIX}1, ...", "Give the folder that does."
+                f"{path} contains no {PREFIX}0, {PREFIX}1, ...", "Give the folder that contains it."
             )
         numbers = sorted(folders)
         chosen = self.chosen_times(len(numbers), str(path))

@@ -79,7 +79,8 @@ if hasattr(os, "register_at_fork"):  # Not on Windows, where there is no fork.
 def _refuse_forks() -> None:
     if _Process.is_fork:
         raise CudaError(
-            "this process was forked from one that uses the GPU, and CUDA does not survive that.",
+            "this process was forked from one that uses the GPU, and CUDA does not "
+            "work in forked processes.",
             'Start processes by multiprocessing.get_context("spawn").',
         )
 

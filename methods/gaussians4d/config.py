@@ -213,7 +213,7 @@ class DeformationConfig(MovingConfig):
             raise ConfigError(
                 f"coarse_steps={self.coarse_steps}: expected less than "
                 f"steps={self.steps}, so that the field is trained.",
-                "Leave it out to have it follow from steps, or use method=3dgs ignore_time=true.",
+                "Leave it out, so that it follows from steps, or use method=3dgs ignore_time=true.",
             )
         if self.deform_sh and self.sh == "adaptive":
             raise ConfigError(

@@ -58,7 +58,7 @@ def _number(survey: Survey) -> Iterator[Finding]:
     )
     advice = "Take more photos: 50 to 150 around a thing, each overlapping the next by two thirds"
     if viewpoints.stand_still:
-        advice = "Add cameras between them, or be content with views near the cameras"
+        advice = "Add cameras between them, or expect good views near the cameras only"
     # A static capture with every image twice still has too few; a moving camera has enough.
     enough = len(places) if viewpoints.stand_still or survey.scene.num_times < 2 else views
     if views < FEWEST_VIEWS or enough < 2:
@@ -82,7 +82,7 @@ def _number(survey: Survey) -> Iterator[Finding]:
             "nothing held out",
             Weight.NOTE,
             "All images are trained on.",
-            "There will be no held-out figures, so nothing tells how good other views are.",
+            "There will be no held-out figures, so the quality of other views is unknown.",
             "Leave holdout_every at 8, or name images with holdout=NAME,...",
         )
 
@@ -100,7 +100,7 @@ def _spread(survey: Survey) -> Iterator[Finding]:
         return
     offsets = centers - centers.mean(0)
     sizes = np.linalg.svd(offsets, compute_uv=False)
-    why = "Depth is only seen from places apart; turning on the spot shows none."
+    why = "Depth needs images from different places; turning on the spot gives none."
     advice = "Walk around the scene with the camera instead of turning it."
     if np.linalg.norm(offsets, axis=1).max() < 1e-4:
         found = f"All {views} images were taken from one place."

@@ -142,7 +142,7 @@ def _summary(document: Mapping[str, Any]) -> str:
     weights = [finding["weight"] for finding in document["findings"]]
     kinds = [f["kind"] for f in document["findings"] if f["weight"] != "note"]
     if not weights:
-        return ": nothing was found that speaks against it"
+        return ": no fault was found"
     return f" ({', '.join(kinds)})" if kinds else ""
 
 

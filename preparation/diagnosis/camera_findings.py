@@ -56,7 +56,7 @@ def _hollow(figures: ModelFigures) -> Finding:
         "hollow model",
         Weight.STOP,
         f"The cameras of {figures.registered} images rest on {points}.",
-        "So few agree by chance: poses are as good as invented.",
+        "So few agree by chance: the poses are unreliable.",
         "Take sharp images of something with texture, from places around it, each overlapping "
         "the next by two thirds.",
     )
@@ -69,7 +69,7 @@ def _errors(figures: ModelFigures) -> Iterator[Finding]:
             Weight.LIMIT,
             f"Points are {figures.error:.1f} pixels from where images show them (mean); below 1 "
             "is usual.",
-            "Poses are as uncertain, and the result as blurred.",
+            "The poses are inaccurate, and the result is blurred.",
             "Choose a camera model that fits the lens (camera_model=OPENCV, or OPENCV_FISHEYE for "
             "a very wide one), turn electronic stabilisation off, and avoid fast movement: rolling "
             "shutters bend the image.",

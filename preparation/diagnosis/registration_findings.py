@@ -100,7 +100,7 @@ def _groups(evidence: Evidence) -> Iterator[Finding]:
         "separate groups",
         Weight.NOTE if len(apart) < MANY * evidence.given else Weight.LIMIT,
         f"The images fall into {len(components)} groups, of {sizes}, that hardly a match joins.",
-        "Nothing tells how they lie to each other, so that only one of them is kept.",
+        "Their relative position is unknown, so that only one of them is kept.",
         f"{advice[0].upper()}{advice[1:]}; if they show different things, prepare each by itself.",
         tuple(apart),
     )

@@ -62,7 +62,7 @@ def _one_view(evidence: Evidence) -> Iterator[Finding]:
             Weight.STOP,
             f"{evidence.given} images show {views} different view{'s' if views > 1 else ''}: "
             "their features are in the same places.",
-            "Depth is only seen from places apart; more images of one view tell nothing more.",
+            "Depth needs images from different places; more images of one view add nothing.",
             "Walk around the scene, and take each image from another place.",
             tuple(name for name in evidence.graph.names if name in twins),
         )
@@ -78,7 +78,7 @@ def _turns_or_plane(evidence: Evidence) -> Iterator[Finding]:
             Weight.LIMIT if _is_solid(evidence) else Weight.STOP,
             f"In {100 * _share(moved, turned=True):.0f} % of {len(moved)} pairs of images the "
             "camera has turned, and not moved.",
-            "Depth is only seen from places apart; such images make a panorama, and no model.",
+            "Depth needs images from different places; such images make a panorama, and no model.",
             "Walk sideways around the scene while you take photos.",
         )
     elif len(across) >= FEW_PAIRS and _share(across, turned=False) > MOST_FLAT:

@@ -229,7 +229,7 @@ def _incremental(
     relaxed = run_incremental(database, trial, rule, RELAXED, registered)
     if _covered(relaxed) > _covered(models) and _is_better(relaxed[0], models[:1]):
         return relaxed, f"{how}, relaxed thresholds ({_covered(models)} images by usual ones)"
-    return models, f"{how}, relaxed thresholds tried in vain"
+    return models, f"{how}, relaxed thresholds tried without success"
 
 
 def _up_to(total: int, advance: Advance, known: int = 0) -> Advance:

@@ -82,6 +82,6 @@ def lens_words(plans: Sequence[CameraPlan]) -> str:
         if len(changed) < len(own):
             kept = next(plan.target.model for plan in own if plan.undistortion is None)
             parts.append(
-                f"{kept} as given" if kept == model else f"{kept}, as {model} was next to straight"
+                f"{kept} as given" if kept == model else f"{kept}, as {model} was almost straight"
             )
     return "; ".join(dict.fromkeys(parts))

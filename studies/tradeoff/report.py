@@ -128,7 +128,7 @@ def table(records: Sequence[Record]) -> Table:
             ]
         )
         axis = record.axis
-    return Table(HEADINGS, found, "each given up by itself")
+    return Table(HEADINGS, found, "each left out by itself")
 
 
 def offers(records: Sequence[Record], run: str, more: Sequence[str] = ()) -> list[Offer]:

@@ -225,7 +225,7 @@ def test_findings_are_said_when_they_change(tmp_path):
         board.on_evaluation(step, evaluation(findings=found), control)
     board.close()
     good, bad, again = text(events_in(tmp_path), "3_findings")
-    assert good == "After 10 steps nothing speaks against the result."
+    assert good == "There are no findings after 10 steps."
     assert bad == "After 20 steps:\n\n* **one-color**: It is \\*one\\* colour."
     assert again == findings_page(40, ())
 

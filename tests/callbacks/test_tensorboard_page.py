@@ -67,5 +67,5 @@ def test_the_first_screen_says_whether_it_works(address, tmp_path):
 
         page.open(f"{address}/#custom_scalars")
         page.wait_for(f"{DEEP_TEXT}.includes('PSNR in dB: training image, held-out')")
-        assert "Is it working?" in page.evaluate(DEEP_TEXT)
+        assert "Quality" in page.evaluate(DEEP_TEXT)
         assert not page.errors()

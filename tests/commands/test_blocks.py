@@ -36,7 +36,7 @@ def cut(folder, **street):
         ("datamanager.points=4", "datamanager.points is decided by the partition"),
         ("jobs=-1", "jobs=-1: expected a number of at least 0."),
         ("stepss=4", "stepss"),
-        ("method=4dgs", "moves, and blocks are merged at rest"),
+        ("method=4dgs", "is for moving scenes, and blocks are merged as static models"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(tmp_path, capsys, word, message):

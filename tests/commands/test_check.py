@@ -58,7 +58,7 @@ def test_in_a_read_only_folder_the_report_is_whole_and_the_sheet_is_elsewhere(
     assert main(["check", f"data={good}", "images=5"]) == 0
     said = capsys.readouterr()
     (sheet,) = tmp_path.glob("gsfw-*/check.png")
-    assert "verdict: good: nothing was found that speaks against it\n" in said.out
+    assert "verdict: good: no fault was found\n" in said.out
     assert f"cameras, points and images: {sheet}" in said.out
     assert re.fullmatch(
         rf"warning: check.png cannot be written: .*\. It is {sheet} instead; out=FILE gives it "
@@ -84,7 +84,7 @@ def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeyp
     assert "21 to train on, 3 held out, from 24 places" in out
     assert "5 of 24 images were decoded, evenly spread" in out
     assert re.search(r"\nfield of view +[\d.]+ degrees across the width *\n", out)
-    assert "verdict: good: nothing was found that speaks against it\n" in out
+    assert "verdict: good: no fault was found\n" in out
     assert "cameras, points and images: check.png" in out
     assert out.endswith("It trains for 5 minutes. Add --dry-run to see the plan first.\n")
     assert (tmp_path / "check.png").is_file()

@@ -48,7 +48,7 @@ def test_a_time_does_not_fit_what_holds_all(moving_run, capsys):
     assert main(["export", str(moving_run), "format=splatv", "time=0.5"]) == 2
     assert capsys.readouterr().err == (
         "error: format=splatv holds splats at all times: leave out time and times.\n"
-        "For what it looks like at one of them: format=ply time=0.5\n"
+        "To write one time: format=ply time=0.5\n"
     )
 
 

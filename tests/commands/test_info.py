@@ -147,7 +147,7 @@ def test_a_data_set_is_described_with_why_its_format_was_chosen(shared_data, cap
 
 def test_nothing_and_two_things_are_refused(splat_file, capsys):
     assert refusal(capsys) == (
-        "error: gsfw info: what to describe is missing.\n"
+        "error: gsfw info: the file, run or data set is missing.\n"
         "Give a splat file, a run, latest, or a data set; see gsfw info --help.\n"
     )
     assert "both" in refusal(capsys, splat_file, "data=somewhere")

@@ -403,7 +403,7 @@ def test_mistakes_are_told_in_a_sentence(tmp_path, capsys):
     assert "unknown key 'frame'" in told(capsys, photos, out, "frame=3")
     for key in ("job.cpus=2", "job.memory_mb=500", "ray.address=local"):
         refused = told(capsys, photos, out, key)
-        assert f"{key.removesuffix('=2').removesuffix('=500')} means nothing with" in refused
+        assert f"{key.removesuffix('=2').removesuffix('=500')} has no effect with" in refused
         assert "Add executor=ray, or leave it out." in refused
     least = told(capsys, photos, out, "executor=ray", "job.cpus=0")
     assert "job.cpus=0: expected 0.01 or more." in least

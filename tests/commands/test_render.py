@@ -357,7 +357,7 @@ def test_another_background_is_behind_the_scene(finished_run, tmp_path):
         ("channel=dept", "there is no channel 'dept'. Did you mean 'depth'?"),
         ("what=orbit channel=motion", "channel=motion: this model does not change with time"),
         ("time=0.5", "time=0.5: the data (synthetic) has no times, so every time shows the same"),
-        ("camera=eval_000", "only what=time looks through the camera of a view"),
+        ("camera=eval_000", "only what=time renders from the camera of a view"),
         ("tracks=true", "tracks=true: all frames show one time, so that nothing moves"),
         ("range=3,1 channel=depth", "range=3,1: expected two numbers, the smaller one first"),
         ("width=100 scale=2", "width=100 scale=2: both give the size of the frames"),
@@ -369,7 +369,7 @@ def test_another_background_is_behind_the_scene(finished_run, tmp_path):
         ("tracks=true what=spiral", "nothing moves there"),
         (
             "tracks=true channel=depth",
-            "tracks are drawn on the colours.\nLet channel have color, or",
+            "tracks are drawn on the colours.\nAdd color to channel, or",
         ),
     ],
 )

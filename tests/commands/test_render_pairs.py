@@ -98,7 +98,7 @@ def test_pairs_of_options_are_refused_that_do_not_go_together_and_no_others(toke
 @pytest.mark.parametrize(
     ("tokens", "message"),
     [
-        ("what=orbit camera=eval_001", "camera=eval_001 what=orbit: only what=time looks through "
+        ("what=orbit camera=eval_001", "camera=eval_001 what=orbit: only what=time renders from "
          "the camera of a view.\nRender what=time, or leave camera out."),
         ("split=train camera=walk.json", "split=train camera=walk.json: a camera path has no views "
          "of a split.\nRender what=views, or leave split out."),
@@ -106,7 +106,8 @@ def test_pairs_of_options_are_refused_that_do_not_go_together_and_no_others(toke
          "Render a camera path (what=path), or leave width out."),
         ("eye_distance=0.3", "eye_distance=0.3 projection=camera: only stereo has two eyes.\n"
          "Render projection=stereo, or leave eye_distance out."),
-        ("range=0,2", "range=0,2: no channel has values, which alone are coloured.\n"
+        ("range=0,2", "range=0,2: colour maps and ranges are for channels of values, and "
+         "none is drawn.\n"
          "Render channel=color,depth or another one of values, or leave range out."),
     ],
 )  # fmt: skip

@@ -111,7 +111,7 @@ def test_an_interrupted_study_says_how_to_go_on(file, out, capsys):
 def test_a_budget_leaves_the_rest_for_another_time(file, out, capsys):
     assert study(file, out, "budget.minutes=1e-9") == 0
     said = capsys.readouterr().out
-    assert "2 runs left: budget.minutes=1e-09 is over. The same command continues." in said
+    assert "2 runs left: budget.minutes=1e-09 is used up. The same command continues." in said
 
 
 @pytest.mark.usefixtures("quick")
@@ -153,7 +153,7 @@ def test_scenes_without_their_data_are_left_out_and_said(file, out, tmp_path, ca
         (["jobs=-1"], "error: jobs=-1: expected a number of at least 0.\n"),
         (["budget.minutes=0"], "error: budget.minutes=0: expected more than 0.\n"),
         (["budget.minute=3"], "unknown key 'budget.minute'. Did you mean 'budget.minutes'?\n"),
-        (["table=true", "dry=true"], "error: table=true runs nothing, so dry and again mean"),
+        (["table=true", "dry=true"], "error: table=true runs nothing, so dry and again have"),
         (["only=x"], "error: only=x: 'A small study' has no such row or scene.\n"),
         (["table=true"], "results.json: there are no results of"),
     ],
@@ -232,7 +232,9 @@ def test_a_column_that_no_result_has_is_told(file, out, capsys):
 def test_an_interrupted_repetition_does_not_promise_to_go_on(file, out, capsys):
     assert study(file, out, "again=true", "budget.minutes=1e-9") == 0
     said = capsys.readouterr().out
-    assert "is over. The same command makes all of them again; only=ROW,SCENE names those" in said
+    assert (
+        "is used up. The same command makes all of them again; only=ROW,SCENE names those" in said
+    )
 
 
 @pytest.mark.usefixtures("quick")

@@ -138,11 +138,11 @@ def test_small_pictures_start_from_few_gaussians_where_nobody_says_how_many(
     data = write_transforms(tmp_path / "transforms.json", capture).parent
     words = [f"data={data}", "budget.minutes=3", "jobs=1", "axes=antialias"]
     said = told(capsys, *words, f"out={tmp_path / 'chosen'}")
-    assert "random_points=1536: images of that size have no use for more" in said
+    assert "random_points=1536: more would not improve images of that size" in said
     assert said.count("random_points=1536 ") == 1, "and in the recommended command"
     said = told(capsys, *words, f"out={tmp_path / 'given'}", "random_points=2000")
     assert "random_points=2000 " in said
-    assert "no use for more" not in said
+    assert "more would not improve" not in said
 
 
 def test_a_baseline_that_fails_says_why(tmp_path, capsys, quick):

@@ -116,7 +116,7 @@ def test_a_resolution_schedule_that_cannot_be_is_explained(capsys):
     )
     assert refusal(capsys, *SMALL, "resolution_schedule=auto", "resolution_steps=4") == (
         "error: resolution_steps=4: expected less than steps=4, so that training ends on full-size "
-        "images.\nLeave it out to have it follow from steps (not with rescale=false), or give "
+        "images.\nLeave it out: it then follows from steps (not with rescale=false). Or give "
         "less.\n"
     )
     assert refusal(capsys, *SMALL, "resolution_steps=-1") == (
@@ -211,7 +211,7 @@ def test_an_existing_run_is_refused_before_any_work(capsys, monkeypatch):
     monkeypatch.setattr("gsfw.plugins.compose.compose", None)
     assert refusal(capsys, *SMALL, "out=run") == (
         "error: out=run: this folder holds a run already.\n"
-        "Go on with it: gsfw resume run, or choose another folder with out=DIR.\n"
+        "Continue it: gsfw resume run, or choose another folder with out=DIR.\n"
     )
 
 

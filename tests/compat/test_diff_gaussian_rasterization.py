@@ -245,9 +245,9 @@ def test_each_gpu_has_a_rasterizer_of_its_own(monkeypatch):
 
 def test_arguments_of_forks_are_refused_by_name(scene, settings):
     fields = settings._asdict()
-    with pytest.raises(UnservedArgument, match="does not serve kernel_size"):
+    with pytest.raises(UnservedArgument, match="does not support kernel_size"):
         GaussianRasterizationSettings(**fields, kernel_size=0.1)
-    with pytest.raises(UnservedArgument, match=r"does not serve dc.*\n.*torch.cat\(\[dc, shs\]"):
+    with pytest.raises(UnservedArgument, match=r"does not support dc.*\n.*torch.cat\(\[dc, shs\]"):
         rendered(scene, settings, dc=scene.shs[:, :1])
     with pytest.raises(ValueError, match="either shs or colors_precomp"):
         rendered(scene, settings, colors_precomp=scene.means)

@@ -233,7 +233,7 @@ def test_what_is_not_served_is_refused_by_name(scene, cameras):
         ({"radial_coeffs": torch.zeros(2, 6)}, "radial_coeffs"),
         ({"global_z_order": False}, "global_z_order"),
     ):
-        with pytest.raises(UnservedArgument, match=f"does not serve {said}"):
+        with pytest.raises(UnservedArgument, match=f"does not support {said}"):
             ours(flat, cameras, **named)
     with pytest.raises(UnservedArgument, match="batch dimensions"):
         ours(replace(flat, means=flat.means[None]), cameras)

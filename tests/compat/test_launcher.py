@@ -88,7 +88,7 @@ def test_without_a_gpu_an_installed_module_is_replaced_and_the_first_line_says_s
         (
             "from gsplat import rasterization_2dgs\nrasterization_2dgs()",
             2,
-            "train.py:3: gsplat: gsfw.compat does not serve rasterization_2dgs.",
+            "train.py:3: gsplat: gsfw.compat does not support rasterization_2dgs.",
         ),
         ("raise RuntimeError('its own')", 1, "RuntimeError: its own"),
     ],

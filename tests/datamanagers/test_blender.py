@@ -134,7 +134,7 @@ def test_a_folder_without_training_file_is_refused(tmp_path):
     with pytest.raises(DataError) as error:
         build(tmp_path)
     assert str(error.value) == (
-        f"{tmp_path} contains no transforms_train.json.\nGive the folder that does."
+        f"{tmp_path} contains no transforms_train.json.\nGive the folder that contains it."
     )
 
 
@@ -215,7 +215,7 @@ def test_a_mask_that_is_named_has_to_be_there_and_to_fit(tmp_path):
         build(tmp_path)
     assert str(error.value) == (
         f"{tmp_path}/transforms_test.json: frame test/r_3: its mask masks/r_3 is not on disk.\n"
-        "Put it there, or remove motion_mask_path to let evaluation find what moves itself."
+        "Put it there, or remove motion_mask_path to let evaluation detect what moves."
     )
     write_image(tmp_path / "masks" / "r_3.png", 5, 4)
     with pytest.raises(DataError) as error:

@@ -72,8 +72,8 @@ def test_masks_beside_the_images_are_found(folder, suffix):
     assert batch.alpha is None
     assert all(np.array_equal(mask[..., 0], LEFT) for mask in batch.valid)
     assert mask_notes(data) == [
-        "3 of 3 images have masks, which keep 50 % of their pixels: what is outside carries no "
-        "loss (datamanager.mask_mode=ignore)"
+        "3 of 3 images have masks, which keep 50 % of their pixels: pixels outside of the "
+        "masks have no loss (datamanager.mask_mode=ignore)"
     ]
 
 
@@ -139,7 +139,10 @@ def test_outside_an_empty_mask_is_background(folder):
     right = WIDTH // 2
     assert torch.equal(target[:, :, right:], background.expand_as(target[:, :, right:]))
     assert torch.equal(target[:, :, :right], batch.images[:, :, :right])
-    assert "what is outside is background (datamanager.mask_mode=empty)" in mask_notes(data)[0]
+    assert (
+        "pixels outside of the masks are background (datamanager.mask_mode=empty)"
+        in mask_notes(data)[0]
+    )
 
 
 def test_the_edge_of_an_empty_mask_is_partly_covered_in_a_smaller_image(folder):
@@ -160,7 +163,7 @@ def test_alpha_may_be_the_mask(folder):
     assert (batch.alpha, data.scene.has_alpha) == (None, False)
     assert np.array_equal(batch.valid[0, ..., 0], LEFT)
     assert mask_notes(data) == [
-        "alpha of 3 of 3 images is their mask: what is outside carries no loss "
+        "alpha of 3 of 3 images is their mask: pixels outside of the masks have no loss "
         "(datamanager.mask_mode=ignore)"
     ]
 
@@ -209,8 +212,8 @@ def test_masks_that_are_missing_or_leave_nothing_are_noted(folder):
     write_mask(folder / "masks/view_001.png", np.zeros_like(LEFT))
     data = open_colmap(folder)
     assert mask_notes(data) == [
-        "2 of 3 images have masks, which keep 25 % of their pixels: what is outside carries no "
-        "loss (datamanager.mask_mode=ignore)",
+        "2 of 3 images have masks, which keep 25 % of their pixels: pixels outside of the "
+        "masks have no loss (datamanager.mask_mode=ignore)",
         "masks leave nothing of 1 images: view_001.png",
         "no mask, so that all pixels count: 1 images, such as view_000.png",
     ]

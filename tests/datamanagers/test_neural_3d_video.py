@@ -95,7 +95,7 @@ def test_folders_of_images_are_read_likewise(tmp_path, inner):
     assert projection_error(data, centred(over_time(capture, names))) < 0.01
     assert data.notes() == (
         f"{tmp_path}/poses_bounds.npy: 3 cameras",
-        "4 times, 30 per second (the usual one; datamanager.fps=N gives another)",
+        "4 times, 30 per second (the default; datamanager.fps=N sets another)",
         "there are no points (looked for points3D.ply, points3d.ply, points3D_downsample2.ply, "
         "points3D_downsample.ply)",
         "8 views to train on, 4 held out (camera cam00, as papers do)",

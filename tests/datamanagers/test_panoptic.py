@@ -82,7 +82,7 @@ def test_the_cameras_of_the_test_file_are_held_out(tmp_path):
     assert data.notes() == (
         f"{tmp_path}/train_meta.json: 3 cameras at 3 times",
         f"{tmp_path}/test_meta.json: 1 cameras at 3 times",
-        "3 times, 30 per second (the usual one; datamanager.fps=N gives another)",
+        "3 times, 30 per second (the default; datamanager.fps=N sets another)",
         f"{tmp_path}/init_pt_cld.npz: 20 points",
         "per-view map segmentation: 1 channel, resampled by nearest",
         "9 views to train on, 3 held out (the data set's own split, test_meta.json)",

@@ -403,7 +403,7 @@ def test_a_list_of_names_has_to_be_one(folder):
 
 def test_a_folder_without_the_file_is_refused(tmp_path):
     assert str(failure(tmp_path)) == (
-        f"{tmp_path} contains no transforms.json.\nGive the folder that does, or the file."
+        f"{tmp_path} contains no transforms.json.\nGive the folder that contains it, or the file."
     )
 
 

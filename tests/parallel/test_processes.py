@@ -132,7 +132,7 @@ def test_a_pause_loses_nothing_a_second_command_is_refused_and_ctrl_c_stops_with
     code, said = training.ended()
     assert code == 130
     assert said.count("stopping after this step, with a checkpoint") == 1
-    assert "Go on with: gsfw resume" in said
+    assert "Continue with: gsfw resume" in said
     assert "error" not in said
     assert "Traceback" not in said
     assert not training.workers()

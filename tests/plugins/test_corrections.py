@@ -122,4 +122,4 @@ def test_the_protocol_says_what_became_of_held_out_views():
         protocol["exposure"]
         == "learnt for training images; held-out images are rendered without it"
     )
-    assert protocol["poses"] == "training cameras are refined, held-out ones stand as given"
+    assert protocol["poses"] == "training cameras are refined, held-out cameras stay as given"

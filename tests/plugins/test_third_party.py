@@ -326,7 +326,7 @@ def test_parts_that_fail_while_a_run_trains_are_named_and_the_run_goes_on(site, 
     assert (summary["steps"], summary["weights"]) == (20, None)
     assert summary["psnr"] > 10
     for warning in (
-        "callback 'watch' (gsfw-failing 0.3) failed in on_step and is off from here on; the run "
+        "callback 'watch' (gsfw-failing 0.3) failed in on_step and is switched off; the run "
         "continues: ConnectionError: no network",
         "metric 'weights' (gsfw-failing 0.3) failed; its figures are NaN: OSError: no weights",
     ):

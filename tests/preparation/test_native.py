@@ -81,7 +81,7 @@ def test_of_a_log_the_last_line_is_shown() -> None:
 
 def test_a_process_that_ends_without_a_word_is_said_to() -> None:
     error = native_failure("do it", Path("d.db"), "")
-    assert error.message == "COLMAP could not do it with d.db: it stopped without a word."
+    assert error.message == "COLMAP could not do it with d.db: it stopped without a message."
 
 
 def test_errors_of_users_pass_unchanged() -> None:

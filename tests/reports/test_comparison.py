@@ -261,4 +261,4 @@ def test_what_a_plan_decided_was_chosen_by_nobody_and_pace_is_no_difference(tmp_
     assert compared.chosen == ["steps"], "of the choices that are always shown"
     assert compared.following == ["optim.sh_rest_lr"]
     text = str(settings_section(one))
-    assert "3 settings that were planned for the time that somebody gave" in text
+    assert "3 settings planned for the given time" in text

@@ -62,7 +62,7 @@ def test_the_page_states_its_own_size(finished_run):
 def test_the_page_has_figures_protocol_curves_settings_and_machine(finished_run):
     text = parsed(finished_run / PAGE).text
     for part in (
-        "one colour", "every", "Loss", "held-out views", "What the scene required",
+        "one colour", "every", "Loss", "held-out views", "Requirements of the scene",
         "gsfw train method=3dgs", "settings that follow from them", "threads", "torch",
     ):  # fmt: skip
         assert part in text, part
@@ -352,7 +352,7 @@ def test_figures_of_a_moving_scene_have_their_curve_over_time(tmp_path):
     page = page_of(folder)
     labels = [svg["aria-label"] for svg in page.all("svg")]
     assert "PSNR of held-out views over time: all pixels, moving pixels" in labels
-    assert "PSNR of what moves" in page.text
+    assert "PSNR of the moving region" in page.text
 
 
 def test_a_failure_of_the_report_does_not_fail_the_run(tmp_path, monkeypatch, capsys):

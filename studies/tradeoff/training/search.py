@@ -82,7 +82,7 @@ class Search:
         yield from self._round("fewer Gaussians than the baseline", bound)
         arms = [*self._singles, *self._combinations(shortest)]
         combined = [self._trial(recipe, shortest) for recipe in arms[len(self._singles) :]]
-        yield from self._round("what paid, together", combined)
+        yield from self._round("useful changes, combined", combined)
         for before, steps in zip(self.lengths, self.lengths[1:], strict=False):
             tried = self._tried(arms, before)
             arms = survivors(tried, kept(len(arms)), self._wish, self._gain(before))

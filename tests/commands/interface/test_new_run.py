@@ -26,7 +26,7 @@ def test_a_folder_with_a_run_is_refused_with_both_ways_out(tmp_path):
     (tmp_path / "config.yaml").touch()
     assert refusal(tmp_path) == (
         f"out={tmp_path}: this folder holds a run already.\n"
-        f"Go on with it: gsfw resume {tmp_path}, or choose another folder with out=DIR."
+        f"Continue it: gsfw resume {tmp_path}, or choose another folder with out=DIR."
     )
 
 

@@ -55,7 +55,7 @@ def test_a_moving_scene_has_what_moves_and_the_size_of_a_time():
     moving = {**RUN, "moving_psnr": 25.0, "bytes_per_time": 1.5e6, "peak_gpu_memory_mb": 3000.0}
     moving["baselines"] = {"constant_moving_psnr": 9.0}
     rows = {(row.name, row.value): row.remark for row in run_rows(moving, ("psnr",))}
-    assert rows["PSNR", "25.00 dB"] == "of what moves; one colour has 9.00 dB there"
+    assert rows["PSNR", "25.00 dB"] == "of the moving region; one colour has 9.00 dB there"
     assert rows["model", "24 kB"] == "1.5 MB for each captured time"
     assert ("memory", "100 MB, 3.0 GB of GPU") in rows
 

@@ -96,7 +96,7 @@ def test_a_run_that_was_stopped_says_why_and_how_to_go_on(out, capsys, monkeypat
     assert main(["train", *SMALL, f"out={out}"]) == 0
     said = capsys.readouterr().out
     assert said.endswith(
-        f"stopped after 1 of 2 steps: enough is enough.\nGo on with: gsfw resume {out}\n"
+        f"stopped after 1 of 2 steps: enough is enough.\nContinue with: gsfw resume {out}\n"
     )
     monkeypatch.undo()
     assert main(["resume", out]) == 0

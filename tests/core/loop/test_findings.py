@@ -133,10 +133,10 @@ def test_training_views_far_better_than_held_out_ones_are_overfitting_and_no_col
     (finding,) = judge(evidence(training_psnr=37.1))
     assert (finding.key, finding.is_collapse) == ("overfitting", False)
     assert finding.message == (
-        "training views have 37.1 dB and held-out views 27.0 dB: the model fits each image by "
-        "itself. Likely cause: cameras that are misplaced or have a wrong focal length, or too few "
-        "views. Try, one by one: gsfw check horse, for cameras that do not fit; more views; "
-        "opacity_penalty=0.03."
+        "training views have 37.1 dB and held-out views 27.0 dB: the model overfits the "
+        "training images. Likely cause: cameras that are misplaced or have a wrong focal "
+        "length, or too few views. Try, one by one: gsfw check horse, for cameras that do not "
+        "fit; more views; opacity_penalty=0.03."
     )
 
 

@@ -51,7 +51,7 @@ def test_one_that_raises_is_closed_and_told_no_more_and_the_others_are(caplog):
     (record,) = caplog.records
     assert (record.name, record.levelno) == ("gsfw.run", logging.WARNING)
     assert record.getMessage() == (
-        "callback 'wandb' (gsfw-wandb 0.1) failed in on_tick and is off from here on; the run "
+        "callback 'wandb' (gsfw-wandb 0.1) failed in on_tick and is switched off; the run "
         "continues: ConnectionError: no network"
     )
     assert record.exc_info is not None

@@ -152,7 +152,7 @@ def test_growth_stops_when_twice_in_a_row_it_brings_less_than_the_least_useful_c
         control(budget="auto", stop=None), [paying, paying, poor, paying, poor, poor, paying]
     )
     assert report["stopped_growing_at"] == 70
-    assert report["why"] == "a Gaussian more brings less than the least useful ones cost"
+    assert report["why"] == "another Gaussian gains less than the least useful ones contribute"
     assert report["curve"][0]["gain_per_gaussian"] is None  # Nothing was added before.
     assert report["curve"][1]["gain_per_gaussian"] == pytest.approx(paying / 10, rel=1e-3)
     assert report["curve"][1]["cost_per_gaussian"] == pytest.approx(0.2e-3, rel=1e-3)

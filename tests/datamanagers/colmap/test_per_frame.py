@@ -61,7 +61,7 @@ def test_the_first_camera_is_held_out_at_all_times(tmp_path):
     assert data.views(Split.EVAL).names == tuple(f"colmap_{t}/cam00.png" for t in range(TIMES))
     assert data.notes() == (
         f"{tmp_path}: 4 cameras",
-        "3 times, 30 per second (the usual one; datamanager.fps=N gives another)",
+        "3 times, 30 per second (the default; datamanager.fps=N sets another)",
         "54 points of 3 times",
         "9 views to train on, 3 held out (camera cam00, as papers do)",
     )

@@ -226,8 +226,8 @@ print("the parent goes on")
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
 def test_a_fork_is_refused_with_one_sentence_and_its_parent_goes_on(stub):
     refused = (
-        "refused: this process was forked from one that uses the GPU, and CUDA does not survive "
-        'that. Start processes by multiprocessing.get_context("spawn").'
+        "refused: this process was forked from one that uses the GPU, and CUDA does not "
+        'work in forked processes. Start processes by multiprocessing.get_context("spawn").'
     )
     *of_fork, of_parent = said_by(FORK, stub.path)
     assert of_fork == [f"{use} {refused}" for use in ("start", "enter", "load", "launch")]

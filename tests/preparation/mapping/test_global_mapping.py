@@ -45,7 +45,7 @@ def test_a_process_that_fails_is_told_of(tmp_path: Path, monkeypatch: pytest.Mon
         run_global(capture.database, tmp_path / "models", MappingRule(mapper="global"))
     assert failure.value.message == (
         f"COLMAP could not compute camera poses at once with {capture.database}: "
-        "it stopped without a word."
+        "it stopped without a message."
     )
     assert not (tmp_path / "models" / "database.db").exists()
     assert (capture.database.parent / LOG).is_file()

@@ -54,5 +54,5 @@ def test_every_model_is_told():
     lost = 100 * plans[1].undistortion.lost
     assert lens_words(plans) == (
         f"PINHOLE as given; PINHOLE, undistorted from OPENCV (up to {lost:.1f} % of an image fell "
-        "outside); PINHOLE, as SIMPLE_RADIAL was next to straight"
+        "outside); PINHOLE, as SIMPLE_RADIAL was almost straight"
     )

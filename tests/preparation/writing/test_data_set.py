@@ -202,7 +202,7 @@ def test_images_of_pinholes_are_copied(tmp_path):
         assert {frame.lens.model for frame in frames(loaded(out))} == {"PINHOLE"}
         for one in taken.images:
             assert (out / "images" / one.name).read_bytes() == one.path.read_bytes()
-    assert found.lens == "PINHOLE, as OPENCV was next to straight"
+    assert found.lens == "PINHOLE, as OPENCV was almost straight"
     assert found.sizes == ((WIDTH, HEIGHT),)
 
 
