@@ -146,7 +146,7 @@ class Model:
             time: of all frames, in [0, 1], of a dynamic model.
 
         Raises:
-            ConfigError: time is to pass in a static model, the time is out of range, or there is no
+            ConfigError: the path needs a dynamic model, the time is out of range, or there is no
                 such path.
         """
         check_time(time)

@@ -61,7 +61,7 @@ def is_one_color(
 class Metric(ABC):
     """A figure of one held-out image; results show the mean over the views.
 
-    A metric of a plugin that raises is NaN, with one warning, and the run goes on.
+    A metric of a plugin that raises is NaN, with one warning, and the run continues.
     """
 
     def __init__(self, operators: Operators | None = None) -> None:

@@ -133,7 +133,7 @@ class Rasterizer(ABC):
         return None
 
     def make_room(self) -> None:  # noqa: B027
-        """Give further captured images the memory that those before would have needed."""
+        """Give further captured images the memory that earlier ones lacked."""
 
     def stage_times(self) -> Mapping[str, StageTime]:
         """Stage durations of the latest ``render`` and its backward pass; empty if not measured."""

@@ -128,13 +128,13 @@ class Refiner(ABC):
         return False
 
     def can_be_recorded(self, step: int) -> bool:
-        """True if a step may be recorded on a GPU, with what this refiner adds to it, and repeated.
+        """True if a step with this refiner's own work may be recorded on a GPU and repeated.
 
-        A promise for ``regularizers``, ``before_backward`` and the hooks that this attaches. At all
-        steps with the answer true they launch the same work, on the batch, the parameters and the
-        model's rows: they read nothing else that changes, keep nothing on the host, and neither
-        wait for the GPU nor move anything to it. It does not hold for a derived class that has
-        another ``regularizers`` or ``before_backward``; a refiner with neither need not say so.
+        The answer covers ``regularizers``, ``before_backward`` and its hooks. At all steps with the
+        answer true they launch the same work, on the batch, the parameters and the model's rows:
+        they read no other changing state, keep nothing on the host, and neither wait for the GPU
+        nor move anything to it. A derived class with another ``regularizers`` or
+        ``before_backward`` needs its own answer; a refiner with neither needs none.
         """
         return True
 

@@ -262,7 +262,7 @@ class Capture(DataManager):
         )
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
-        """The view's mask of what moves, if the data set has one."""
+        """The view's mask of moving pixels, if the data set has one."""
         number = self._members[split][index]
         frame = self._frames[number]
         if frame.moving is None:

@@ -21,7 +21,7 @@ def read_points(path: Path, setting: str) -> Points:
 
     Args:
         path: the file.
-        setting: what names it, for messages.
+        setting: the setting that names the file, for messages.
 
     Raises:
         DataError: it does not hold points.

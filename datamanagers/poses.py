@@ -43,7 +43,7 @@ def pose_from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Flo
 
 
 def pose_from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
-    """World-to-camera as files give it (x right, y down, z forward), made exactly rigid.
+    """World-to-camera as in files (x right, y down, z forward), made exactly rigid.
 
     Raises:
         DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
@@ -59,7 +59,7 @@ def pose_from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Flo
 def pose_from_center(
     rotation: Float64[Tensor, "3 3"], center: Float64[Tensor, " 3"], where: str
 ) -> Float64[Tensor, "4 4"]:
-    """World-to-camera, from its rotation and where the camera is in the world.
+    """World-to-camera, from its rotation and the camera's position in the world.
 
     Raises:
         DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
