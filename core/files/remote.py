@@ -150,8 +150,8 @@ class RemoteSource:
                     reason = str(error) or type(error).__name__
                     raise DataError(
                         f"{self._named(place)} could not be read in {ATTEMPTS} attempts: {reason}",
-                        "Check the connection. A run that was training goes on from its last "
-                        "checkpoint: gsfw resume RUN",
+                        "Check the connection. A run that was training continues from its "
+                        "last checkpoint: gsfw resume RUN",
                     ) from error
                 time.sleep(WAIT * 2 ** (attempt - 1))
         raise AssertionError("the last attempt returns or raises")
