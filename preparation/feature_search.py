@@ -10,6 +10,7 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
+from multiprocessing import resource_tracker
 
 from gsfw.core.errors import UnavailableError
 from gsfw.jobs.job import Job
@@ -109,12 +110,26 @@ def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that are started here ignore Ctrl-C from their first instruction."""
-    if threading.current_thread() is not threading.main_thread():
+    """Processes that are started here get no Ctrl-C from their first instruction on.
+
+    This process gets it afterwards.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows: processes inherit nothing of it.
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # Its start would end the blocking.
+    came: list[int] = []
+    is_main = threading.current_thread() is threading.main_thread()
+    # Signals that this thread blocks come to another one, and are handled in the main thread.
+    handler = (
+        signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if is_main else None
+    )
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if is_main:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
