@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
-from gsfw.core.errors import UserError
+from gsfw.core.errors import DataError, UserError
 from gsfw.core.files.atomic import disk_error
 from gsfw.parallel.environment import is_follower
 from gsfw.plugins.registry import installed
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 UNEXPECTED = 1
 INTERRUPTED = 130
 """Exit codes; errors of the user have 2."""
+SHOWN = 80
+"""Characters of a path that is too long for the system."""
 
 OUT_OF_MEMORY = (
     "there is no memory left, on this machine or below the limit of this process.",
@@ -81,7 +83,7 @@ def report(error: Exception, console: Console, debug: bool) -> int:
         return error.exit_code
     if debug:
         traceback.print_exception(error, file=sys.stderr)
-    error = disk_error(error) or error
+    error = disk_error(error) or _too_long(error) or error
     if isinstance(error, UserError):
         _tell(console, error.message, error.advice)
         return error.exit_code
@@ -126,6 +128,18 @@ def is_out_of_memory(error: BaseException) -> bool:
             return True
         found = found.__cause__ or found.__context__
     return False
+
+
+def _too_long(error: BaseException) -> UserError | None:
+    """The clear message for a path that is too long for the system; ``None`` for other errors."""
+    if not isinstance(error, OSError) or error.errno != errno.ENAMETOOLONG:
+        return None
+    path = str(error.filename)
+    start = f"{path[:SHOWN]}..." if len(path) > SHOWN else path
+    return DataError(
+        f"{start}: the path has {len(path):,} characters, and is too long for this system.",
+        "Check the quotes of the command, or give a shorter path.",
+    )
 
 
 def _gpu_is_full(error: BaseException) -> tuple[str, str] | None:

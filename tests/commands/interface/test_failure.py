@@ -32,6 +32,15 @@ def test_for_programs_the_error_is_the_document(capsys):
     assert document == {"error": "seed=x: wrong.", "advice": "Write seed=1."}
 
 
+def test_a_path_that_is_too_long_is_no_bug(capsys):
+    error = OSError(errno.ENAMETOOLONG, "File name too long", "a" * 5000)
+    assert report(error, Console(), debug=False) == 2
+    assert capsys.readouterr().err == (
+        f"error: {'a' * 80}...: the path has 5,000 characters, and is too long for this system.\n"
+        "Check the quotes of the command, or give a shorter path.\n"
+    )
+
+
 def test_an_unexpected_error_is_one_sentence_and_a_file(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert report(ZeroDivisionError("by zero\nmore"), Console(), debug=False) == 1
