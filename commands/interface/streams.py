@@ -39,7 +39,8 @@ def lasting_streams() -> Iterator[None]:
     A pipe or a terminal that is gone loses the text of both streams. A full disk loses that of
     standard error alone: standard output may be a JSON document that somebody relies on. A stream
     that was closed from the start becomes the null device: the next file would take its number,
-    and receive what libraries print there.
+    and receive what libraries print there. Characters that the encoding of a stream lacks, and
+    bytes of names that are no text, are written as escapes.
     """
     for number, (name, mode) in enumerate(STREAMS):
         if getattr(sys, name) is None:
@@ -61,7 +62,7 @@ def _lasting(name: str, lost: tuple[int, ...] | None) -> Iterator[None]:
     raw = _Unread(stream.fileno(), "w", closefd=False)
     raw.lost = lost
     writer = io.BufferedWriter(raw)
-    text = io.TextIOWrapper(writer, stream.encoding, stream.errors, line_buffering=True)
+    text = io.TextIOWrapper(writer, stream.encoding, "backslashreplace", line_buffering=True)
     setattr(sys, name, text)
     try:
         yield

@@ -68,6 +68,18 @@ def test_a_result_that_a_full_disk_loses_is_one_message(tmp_path, words):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="streams of POSIX")
+@pytest.mark.parametrize(("encoding", "smile"), [("ascii", "\\U0001f600"), ("utf-8", "\U0001f600")])
+def test_characters_that_a_stream_cannot_encode_are_escapes(encoding, smile):
+    code = (
+        "from gsfw.commands.interface.streams import lasting_streams\n"
+        "with lasting_streams(): print('\\U0001f600', '\\udcff')"
+    )
+    said = subprocess.check_output(
+        [sys.executable, "-c", code], env=os.environ | {"PYTHONIOENCODING": encoding}
+    )
+    assert said.decode(encoding).split() == [smile, "\\udcff"]
+
+
 def test_streams_that_were_closed_from_the_start_are_no_error(tmp_path):
     def close() -> None:
         for number in range(3):
