@@ -54,11 +54,12 @@ def run(arguments: list[str]) -> int:
     console = Console(options.json)
     with stage("reading"):
         document = _describe(options, installed(), console)
-    if document["kind"] == "run":
+    if console.json_only:
+        console.result(document)
+    elif document["kind"] == "run":
         console.say(run_text(document))
     else:
         console.table(["", ""], _rows(document), _title(document))
-    console.result(document)
     return 0
 
 

@@ -33,7 +33,9 @@ def run(finished_run, tmp_path):
 
 def document(capsys, *arguments):
     assert main(["info", *map(str, arguments), "json=true"]) == 0
-    return json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    assert "checkpoints" not in said.err
+    return json.loads(said.out)
 
 
 def refusal(capsys, *arguments):
