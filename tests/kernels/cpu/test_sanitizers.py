@@ -46,7 +46,7 @@ class Build:
 def build(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Build:
     """Compiled once for all programs."""
     folder = tmp_path_factory.mktemp(request.param)
-    flags = ["-g", *SANITIZERS[request.param]]
+    flags = ["-g1", *SANITIZERS[request.param]]  # Reports need lines, and no variables.
     _skip_without(request.param, flags, folder)
     return Build(flags, compile_engine(compiler(), linked_sets(MACHINE), flags, folder), folder)
 
