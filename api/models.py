@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.commands.interface.runs import find_run, restore_run
+from gsfw.commands.interface.runs import RunArgument, find_run, restore_run
 from gsfw.core.background import background_tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.config import AUTO
@@ -50,12 +50,21 @@ __all__ = ["Model", "load", "render"]
 class Model:
     """A trained model, or the splats of a file; made by ``gsfw.load`` and ``Run.model``.
 
-    Positions, cameras and depths are in the world of the data, as in exported files.
+    Positions, cameras and depths are in the world of the data, as in exported files. Copies, and
+    processes that it is sent to (it pickles), read its file again, which has to be there.
     """
 
-    def __init__(self, restored: Restored, name: str) -> None:
-        """Take a restored run; ``name`` is its path."""
-        self._restored, self.name = restored, name
+    def __init__(
+        self, found: RunArgument, changed: Layer | None, restored: Restored | None = None
+    ) -> None:
+        """Open a run or a file with settings that replace its own, or take a restored one."""
+        self.name, self._changed = found.name, changed
+        self._restored = restored or restore_run(found, installed(), changed)
+        self._found = found.pinned(self._restored.step)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Its file or checkpoint, and the settings."""
+        return Model, (self._found, self._changed)
 
     @property
     def _composition(self) -> Composition:
@@ -197,7 +206,6 @@ class Model:
     def _settings(
         self, background: str | Sequence[float] | Tensor | None, depth: bool
     ) -> RenderSettings:
-
         parts, settings = self._composition.parts, self._composition.plan.settings
         kind = Depth.EXPECTED if depth else Depth.NONE
         color = background_tensor(background, settings.background)
@@ -258,7 +266,6 @@ class Model:
         return in_frame(cameras, self._composition.scene.world_from_scene)
 
     def _in_scene(self, cameras: Cameras) -> Cameras:
-
         moved = in_frame(cameras, self._composition.scene.world_from_scene.inverse())
         return moved.to(self.device, torch.float32)
 
@@ -287,8 +294,7 @@ def load(path: str | Path, *, device: str = AUTO) -> Model:
         ConfigError: the settings of a run no longer resolve (a plugin is missing).
     """
     found = find_run(str(Path(path).expanduser()), lambda line: None, splats=True)
-    changed = None if device == AUTO else Layer(COMMAND_LINE, {"device": device})
-    return Model(restore_run(found, installed(), changed), found.name)
+    return Model(found, None if device == AUTO else Layer(COMMAND_LINE, {"device": device}))
 
 
 @without_inner_frames

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from gsfw.api.models import Model
+    from gsfw.commands.interface.runs import RunArgument
     from gsfw.core.callback import Callback
     from gsfw.core.cameras import Cameras
     from gsfw.core.loop.evaluation import Evaluation
@@ -172,12 +173,21 @@ class Run:
 
     @cached_property
     def _restored(self) -> Restored:
-        from gsfw.commands.interface.runs import RunArgument, restore_run
+        from gsfw.commands.interface.runs import restore_run
+
+        return restore_run(self._found, installed(), self._layer)
+
+    @property
+    def _found(self) -> RunArgument:
+        from gsfw.commands.interface.runs import RunArgument
+
+        return RunArgument(RunFolder(self.folder), self.checkpoint)
+
+    @property
+    def _layer(self) -> Layer | None:
         from gsfw.plugins.settings import COMMAND_LINE, Layer
 
-        found = RunArgument(RunFolder(self.folder), self.checkpoint)
-        changed = Layer(COMMAND_LINE, self._changed) if self._changed else None
-        return restore_run(found, installed(), changed)
+        return Layer(COMMAND_LINE, self._changed) if self._changed else None
 
     @cached_property
     def model(self) -> Model:
@@ -188,7 +198,7 @@ class Run:
         """
         from gsfw.api.models import Model
 
-        return Model(self._restored, str(self.folder))
+        return Model(self._found, self._layer, self._restored)
 
     def cameras(self, split: Literal["train", "eval"] = "eval") -> tuple[Cameras, ...]:
         """The cameras of the held-out or the training views, one per view."""
@@ -252,15 +262,13 @@ class Run:
             DataError: there is no checkpoint, or the data set is gone.
             TrainingError: the GPU's memory is full, or steps are no longer finite.
         """
-        from gsfw.commands.interface.runs import RunArgument
         from gsfw.commands.resume import check_changeable, resume_run
 
         changed = {**self._changed, **_values({"steps": steps}, settings)}
         check_changeable(changed)
         command = ["resume", str(self.folder), *_texts(changed)]
-        found = RunArgument(RunFolder(self.folder), self.checkpoint)
         with _calling(callbacks, progress) as caller:
-            code = resume_run(found, changed, command, caller, clock.perf_counter())
+            code = resume_run(self._found, changed, command, caller, clock.perf_counter())
         return _ended(code, Run(self.folder, data=self._data, device=self._device))
 
     def __reduce__(self) -> tuple[Callable[[], Run], tuple[()]]:

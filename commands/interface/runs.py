@@ -47,6 +47,16 @@ class RunArgument:
         """Path of the run or file, for messages and results."""
         return str(self.model_file or self.splat_file or self.folder.path)
 
+    def pinned(self, step: int) -> RunArgument:
+        """The same from any folder, and with a later checkpoint too: that after ``step`` steps."""
+        folder = RunFolder(self.folder.path.absolute())
+        if self.splat_file is not None:
+            return RunArgument(folder, None, splat_file=self.splat_file.absolute())
+        if self.model_file is not None:
+            return RunArgument(folder, None, model_file=self.model_file.absolute())
+        checkpoint = folder.checkpoint(step) if self.checkpoint is None else self.checkpoint
+        return RunArgument(folder, checkpoint.absolute())
+
     def num_bytes(self, registry: Registry) -> int | None:
         """Size of the file, with those that belong to it; ``None`` for a run.
 

@@ -1,6 +1,8 @@
 """Tests of gsfw.api.models: render of one's own splats, and models of files."""
 
 import math
+import pickle
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 import torch
 from support.scenes import front_camera, random_splats
 
-from gsfw.api import Cameras, ConfigError, DataError, Sh, Splats, load, render
+from gsfw.api import Cameras, ConfigError, DataError, Sh, SplatFile, Splats, load, render
 from gsfw.formats.compressed_ply import CompressedPlyExporter
 from gsfw.formats.ply import PlyExporter
 
@@ -191,7 +193,6 @@ def test_a_camera_looks_at_its_target_with_the_given_angle():
 @pytest.fixture
 def splat_file(tmp_path) -> Path:
     """A PLY far from the origin, of a unit of its own, as georeferenced captures are."""
-    from gsfw.core.exchange import SplatFile
 
     splats = random_splats(40, degree=1, seed=2).map(torch.Tensor.double)
     moved = replace(splats, means=100 * splats.means + torch.tensor([3e4, -2e4, 1e3]).double())
@@ -223,7 +224,6 @@ def test_a_splat_file_is_loaded_and_saved_in_its_own_world(splat_file, tmp_path)
 
 @pytest.mark.unchecked
 def test_a_model_and_its_splats_render_the_same_image_and_depth(tmp_path):
-    from gsfw.core.exchange import SplatFile
 
     path = tmp_path / "splats.ply"
     splats = random_splats(40, degree=1, seed=2).map(torch.Tensor.double)
@@ -299,3 +299,22 @@ def test_a_notebook_shows_the_first_images_of_a_render():
     assert render(random_splats(2), camera)._repr_html_().startswith("<div>1 image of ")
     one_channel = replace(random_splats(2), colors=torch.ones(2, 1))
     assert render(one_channel, camera)._repr_html_().count("<img") == 1
+
+
+def test_a_model_of_a_file_can_be_copied_and_crosses_to_another_process(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    PlyExporter().write(Path("a.ply"), SplatFile(random_splats(20)))
+    model = load("a.ply", device="cpu")
+    monkeypatch.chdir(tmp_path.parent)
+    camera = model.cameras()[0]
+    for copy in (deepcopy(model), pickle.loads(pickle.dumps(model))):
+        assert copy.device == model.device
+        assert torch.equal(copy.render(camera).color, model.render(camera).color)
+
+
+def test_a_model_whose_file_is_gone_says_so_where_it_arrives(tmp_path):
+    PlyExporter().write(tmp_path / "a.ply", SplatFile(random_splats(20)))
+    crossing = pickle.dumps(load(tmp_path / "a.ply"))
+    (tmp_path / "a.ply").unlink()
+    with pytest.raises(DataError, match=r"a\.ply"):
+        pickle.loads(crossing)

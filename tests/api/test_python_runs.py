@@ -237,3 +237,16 @@ def test_a_run_that_was_used_crosses_to_another_process():
     assert run.model.num_gaussians
     arrived = pickle.loads(pickle.dumps(run))
     assert (arrived.folder, arrived.metrics) == (run.folder, run.metrics)
+
+
+def test_a_model_crosses_to_another_process_with_its_checkpoint(monkeypatch, tmp_path):
+    run = quick(4, settings={"checkpoint_every": 2})
+    model = Run(run.folder, run.folder / "checkpoints" / "step_000000002.pt").model
+    camera = model.cameras()[0]
+    for source in (model, run.model):
+        bytes_of_it = pickle.dumps(source)
+        with monkeypatch.context() as changed:
+            changed.chdir(tmp_path.parent)
+            arrived = pickle.loads(bytes_of_it)
+        assert torch.equal(arrived.render(camera).color, source.render(camera).color)
+        assert arrived.method == source.method

@@ -37,6 +37,7 @@ RECEIVED = {
     "Restored": "a run that gsfw has opened",
     "Sightings": "read by gsfw prepare",
     "SlicedGaussians": "made by a method for moving scenes",
+    "RunArgument": "made by gsfw.load and Run.model",
     "SlicedGaussiansOptim": "settings of a method for moving scenes, in a field of its config",
     "SpacetimeGaussians": "made by a method for moving scenes",
     "SpacetimeOptim": "settings of a method for moving scenes, in a field of its config",
