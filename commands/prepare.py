@@ -14,6 +14,7 @@ from gsfw.commands.interface.execution import (
     cpu_resources_of,
     executor_of,
 )
+from gsfw.commands.interface.following_times import layout_with_times
 from gsfw.commands.interface.following_training import (
     FollowingTraining,
     method_for_motion,
@@ -123,10 +124,13 @@ def run(tokens: list[str]) -> int:
     from gsfw.commands.interface.console import Console
 
     console = Console(options.json or (following is not None and parse(following).flag("json")))
-    options = _with_times(options, inputs, following, console)
-    place, rule = _place(options, inputs), _rule(options)
     for path in inputs:
         _check_exists(path)
+    if following is not None and (method := method_for_motion(following)):
+        unposed = inputs if _data_set(options, inputs) is None else None
+        layout = layout_with_times(method, options.layout, unposed, console)
+        options = replace(options, layout=layout)
+    place, rule = _place(options, inputs), _rule(options)
     with interrupted_once(STOPPING), place.claimed(inputs):
         document = _document(console, options, inputs, place, rule)
         if options.dense and document["verdict"] != "will not train":
@@ -136,24 +140,6 @@ def run(tokens: list[str]) -> int:
         return _train(console, place.path, document, following)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
-
-
-def _with_times(
-    options: PrepareOptions,
-    inputs: tuple[Path, ...],
-    following: Sequence[str] | None,
-    console: Console,
-) -> PrepareOptions:
-    """The options; with the layout that keeps times of videos, if the training needs them."""
-    from gsfw.datamanagers.video import is_video
-
-    if following is None or options.layout != "auto" or not all(map(is_video, inputs)):
-        return options
-    method = method_for_motion(following)
-    if not method:
-        return options
-    console.say(f"layout=transforms: it keeps the times of frames, which method {method} needs")
-    return replace(options, layout="transforms")
 
 
 def _train(console: Console, data: Path, document: Mapping[str, Any], words: Sequence[str]) -> int:

@@ -147,10 +147,10 @@ def test_the_layout_is_that_of_computed_cameras_too(layout):
     ("words", "layout"),
     [
         ("walk.mp4 train=true method=4dgs", "transforms"),
-        ("walk.mp4 layout=colmap train=true method=4dgs", "colmap"),
         ("walk.mp4 train=true method=3dgs", "colmap"),
         ("walk.mp4 train=true", "colmap"),
-        ("walk.mp4 photos train=true method=4dgs", "colmap"),
+        ("clips train=true method=4dgs", "transforms"),
+        ("walk.mp4 layout=colmap train=true method=3dgs", "colmap"),
     ],
 )
 def test_times_of_videos_are_kept_for_a_method_that_trains_on_them(
@@ -161,12 +161,35 @@ def test_times_of_videos_are_kept_for_a_method_that_trains_on_them(
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(prepare, "_document", document)
-    (tmp_path / "walk.mp4").touch()
-    captured.write(tmp_path / "photos", [np.full((48, 64, 3), 128, np.uint8)], ".jpg")
+    (tmp_path / "clips").mkdir()
+    for name in ("walk.mp4", "clips/a.mp4"):
+        (tmp_path / name).touch()
     assert main(["prepare", "out=scene", *words.split()]) == 2
     said = capsys.readouterr()
     assert f"the layout is {layout}" in said.err
     assert ("layout=transforms: " in said.out) == (layout == "transforms")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("walk.mp4 layout=colmap", "layout=colmap: a COLMAP model has no times, and method 4dgs"),
+        ("photos", "method 4dgs trains on images with times, and photos such as photos/"),
+        ("walk.mp4 photos", "method 4dgs trains on images with times, and photos such as photos/"),
+        ("photos layout=transforms", "method 4dgs trains on images with times, and photos such"),
+    ],
+)
+def test_images_without_times_are_refused_at_once_for_a_method_that_needs_them(
+    tmp_path, monkeypatch, capsys, words, message
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(prepare, "_document", lambda *given: pytest.fail("it began to prepare"))
+    (tmp_path / "walk.mp4").touch()
+    captured.write(tmp_path / "photos", [np.full((48, 64, 3), 128, np.uint8)], ".jpg")
+    given = ["prepare", "out=scene", *words.split(), "train=true", "method=4dgs"]
+    assert main(given) == 2
+    assert f"error: {message}" in capsys.readouterr().err
+    assert not (tmp_path / "scene").exists()
 
 
 @pytest.mark.slow
