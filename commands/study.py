@@ -155,7 +155,7 @@ def _make(
     executor = executor_of(options, options.jobs, lock)
     runner = Runner(plan, store, settings, control, executor)
     about = f", about {rough_duration(runner.seconds_left())}" if runner.pending else ""
-    console.say(f"{study.title}: {_runs(runner.kept)} there, {len(runner.pending)} to make{about}")
+    console.say(f"{study.title}: {_runs(runner.kept)} finished, {len(runner.pending)} left{about}")
     ended: list[Ended] = []
     try:
         with stop_on_signal(control) as interrupt, executor:
@@ -217,7 +217,7 @@ def _tell_rest(console: Console, runner: Runner, control: Control, options: Stud
     why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is used up"
     further = "The same command continues."
     if options.again:
-        further = "The same command makes all of them again; only=ROW,SCENE names those left."
+        further = "The same command trains all of them again; only=ROW,SCENE names those left."
     console.say(f"{_runs(len(runner.pending))} left: {why}. {further}")
 
 
@@ -247,7 +247,7 @@ def _dry(
     console.table(["scene", "row", "seed", "steps", "about", "what"], rows)
     total /= max(1, options.jobs)
     guess = "" if estimate.is_measured else " (a guess: nothing is measured yet)"
-    console.say(f"about {rough_duration(total)} in all{guess}; without dry=true they are made")
+    console.say(f"about {rough_duration(total)} in all{guess}; without dry=true they are trained")
     console.result({"runs": listed, "seconds": total, "missing": list(missing)})
     return 0
 
@@ -259,7 +259,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
     known = store.results.get(planned.cell.key)
     same = known is not None and known.is_of(planned)
     if again and (same or planned.is_finished()):
-        return "is made again"
+        return "is trained again"
     if same or planned.is_finished():
         return "is there"
     failure = store.failures.get(planned.cell.key)
@@ -269,13 +269,13 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
     if steps is not None:
         return f"continues after step {steps}"
     if known is None:
-        return "is made"
+        return "is trained"
     changed = [
         f"{key}={as_text(value)} (was {as_text(known.settings.get(key))})"
         for key, value in planned.comparable(known.settings).items()
         if known.settings.get(key) != value
     ]
-    return f"is made again: {', '.join(changed[:3])}{', ...' if len(changed) > 3 else ''}"
+    return f"is trained again: {', '.join(changed[:3])}{', ...' if len(changed) > 3 else ''}"
 
 
 def _table(console: Console, study: Study, store: ResultStore, options: StudyOptions) -> int:
@@ -287,7 +287,7 @@ def _table(console: Console, study: Study, store: ResultStore, options: StudyOpt
     if not shown_results(study, store):
         raise DataError(
             f"{store.path}: there are no results of {options.file} yet.",
-            f"Make them with gsfw study {shlex.quote(options.file)}.",
+            f"Train them with gsfw study {shlex.quote(options.file)}.",
         )
     console.result({"results": str(store.path), "tables": documents(tables)})
     return 0

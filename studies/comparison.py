@@ -143,11 +143,11 @@ def _line(
     notes = [f"seed {failure.seed} failed: {failure.error}" for failure in failed]
     waiting = [cell.seed for cell in cells if cell.key not in {*results, *failures}]
     if waiting:
-        notes.append(f"not made yet: {_seeds(waiting)}")
+        notes.append(f"not trained yet: {_seeds(waiting)}")
     given = {cell.key: cell.relevant for cell in cells}
     changed = [result.seed for result in found if dict(result.given) != given[result.key]]
     if changed:
-        notes.append(f"made before the settings changed: {_seeds(changed)}")
+        notes.append(f"trained before the settings changed: {_seeds(changed)}")
     return Line(row, figures, "; ".join(notes))
 
 

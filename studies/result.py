@@ -119,7 +119,7 @@ def collect(run: PlannedRun, wall_seconds: float | None = None) -> Result:
     except (OSError, ValueError, AttributeError, TypeError) as error:
         raise DataError(
             f"{path} cannot be read as the result of a run: {type(error).__name__}.",
-            f"Remove {run.folder.path}; the run is then made again.",
+            f"Remove {run.folder.path}; the run is then trained again.",
         ) from None
     sizes, threads = _checkpoint(run.folder)
     figures = _figures(summary) | sizes | _required(run.folder)

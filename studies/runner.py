@@ -223,7 +223,7 @@ class Runner:
             try:
                 self.working.append(Working(run, self._executor.start(run.job(resources))))
             except ConfigError as error:  # In the file beside the checkpoint.
-                advice = "The same command removes its folder and makes the run anew."
+                advice = "The same command removes its folder and trains the run again."
                 outcome = Outcome(False, 0.0, resumed=True, error=error.message, advice=advice)
                 yield self._ended(run, outcome)
 

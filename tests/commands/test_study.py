@@ -48,7 +48,7 @@ def study(*arguments: object) -> int:
 def test_runs_are_made_once_and_the_table_is_shown(file, out, tmp_path, capsys):
     assert study(file, out) == 0
     said = capsys.readouterr().out
-    assert said.startswith("A small study: 0 runs there, 2 to make, about 18 s\n")
+    assert said.startswith("A small study: 0 runs finished, 2 left, about 18 s\n")
     assert "[1/2] still on balls, seed 1: PSNR 20.01, " in said
     assert said.endswith(
         "\n"
@@ -63,7 +63,7 @@ def test_runs_are_made_once_and_the_table_is_shown(file, out, tmp_path, capsys):
         "results.json", "runs", "study.csv", "study.md", "study.png",
     ]  # fmt: skip
     assert study(file, out) == 0
-    assert capsys.readouterr().out.startswith("A small study: 2 runs there, 0 to make\n\nballs\n")
+    assert capsys.readouterr().out.startswith("A small study: 2 runs finished, 0 left\n\nballs\n")
 
 
 @pytest.mark.usefixtures("quick")
@@ -118,18 +118,18 @@ def test_a_budget_leaves_the_rest_for_another_time(file, out, capsys):
 def test_dry_lists_what_would_be_done(file, out, tmp_path, capsys):
     assert study(file, out, "dry=true") == 0
     said = capsys.readouterr().out
-    assert "balls  still  1     10     9 s    is made\n" in said
+    assert "balls  still  1     10     9 s    is trained\n" in said
     assert "about 18 s in all (a guess: nothing is measured yet)" in said
     assert not (tmp_path / "out").exists()
     study(file, out, "only=still")
     file.write_text(STUDY.replace("steps: 10", "steps: 12"))
     capsys.readouterr()
     assert study(file, out, "dry=true") == 0
-    assert "is made again: steps=12 (was 10)" in capsys.readouterr().out
+    assert "is trained again: steps=12 (was 10)" in capsys.readouterr().out
     file.write_text(STUDY)
     assert study(file, out, "dry=true", "json=true") == 0
     document = json.loads(capsys.readouterr().out)
-    assert [item["what"] for item in document["runs"]] == ["is there", "is made"]
+    assert [item["what"] for item in document["runs"]] == ["is there", "is trained"]
 
 
 @pytest.mark.usefixtures("quick")
@@ -233,7 +233,7 @@ def test_an_interrupted_repetition_does_not_promise_to_go_on(file, out, capsys):
     assert study(file, out, "again=true", "budget.minutes=1e-9") == 0
     said = capsys.readouterr().out
     assert (
-        "is used up. The same command makes all of them again; only=ROW,SCENE names those" in said
+        "is used up. The same command trains all of them again; only=ROW,SCENE names those" in said
     )
 
 

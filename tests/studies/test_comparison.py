@@ -71,8 +71,8 @@ def test_a_line_says_what_is_missing():
     rules = (Rule(("c",), ("*",), skip="it needs time"),)
     found = table(result("a", psnr=20.0), failures=(failed,), seeds=(1, 2, 3), rules=rules)
     assert [line.note for line in found.lines] == [
-        "seed 2 failed: no.; not made yet: seed 3",
-        "not made yet: seeds 1, 2, 3",
+        "seed 2 failed: no.; not trained yet: seed 3",
+        "not trained yet: seeds 1, 2, 3",
         "it needs time",
     ]
 
@@ -82,7 +82,7 @@ def test_a_line_says_that_its_settings_have_changed_since():
     assert table(result("a", psnr=20.0), settings=now).lines[0].note == "", "which matters not"
     now = {**TINY, "steps": 11}
     note = table(result("a", psnr=20.0), settings=now).lines[0].note
-    assert note == "made before the settings changed: seed 1"
+    assert note == "trained before the settings changed: seed 1"
 
 
 def test_scenes_without_results_are_left_out():

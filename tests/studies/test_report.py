@@ -83,7 +83,7 @@ def test_the_report_has_the_protocol_and_a_table_per_scene(tmp_path):
 
 def test_the_report_says_what_is_missing(tmp_path):
     text = written(tmp_path, *RESULTS[:2])
-    assert "- moves: not made yet: seed 2\n" in text
+    assert "- moves: not trained yet: seed 2\n" in text
     assert "standard deviation" not in text
 
 
@@ -134,7 +134,7 @@ def test_failures_are_reported_with_their_reasons(tmp_path):
     store = ResultStore(tmp_path / "results.json", study.title)
     store.keep(Failure("still", "boxes", 1, "no."))
     write_report(study, store, tmp_path, "gsfw study")
-    failed = "## boxes\n\n- still: seed 1 failed: no.\n- moves: not made yet: seed 1\n"
+    failed = "## boxes\n\n- still: seed 1 failed: no.\n- moves: not trained yet: seed 1\n"
     assert (tmp_path / "study.md").read_text() == f"# A small study\n\n{failed}"
     store.keep(result("still", 1, psnr=20.0))
     write_report(study, store, tmp_path, "gsfw study")

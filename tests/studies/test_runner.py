@@ -259,7 +259,7 @@ def test_damaged_settings_beside_a_checkpoint_fail_one_run_which_is_then_made_an
     failed, made = make(study, tmp_path)
     assert failed.failure is not None
     assert failed.failure.error.startswith(f"config file {killed.run.folder.config}: this is not")
-    assert failed.failure.advice == "The same command removes its folder and makes the run anew."
+    assert failed.failure.advice == "The same command removes its folder and trains the run again."
     assert made.result is not None
     (anew,) = make(study, tmp_path)
     assert not (anew.run.folder.path / "resumed").exists()
