@@ -38,6 +38,9 @@ class PrimitiveModel(nn.Module, ABC):
     step_bytes: ClassVar[float] = 0.0
     """Memory of a Gaussian in a step besides its columns and its splats, such as the features of a
     network: a part of the estimate of memory."""
+    depends_on_view: bool = False
+    """True if ``splats`` differ between cameras: each view is then rendered with its own splats,
+    and is a batch of its own in training. False lets views of one time share their splats."""
 
     @abstractmethod
     def columns(self) -> Mapping[str, Column]:
@@ -52,8 +55,9 @@ class PrimitiveModel(nn.Module, ABC):
         Args:
             time: in [0, 1]; ``None`` for a static capture, or for the first time. A static model
                 ignores it.
-            cameras: the cameras of the render, for models whose splats depend on the
-                view; ``None`` where there is no view, as for exports. Most models ignore them.
+            cameras: the cameras of the render; ``None`` where there is no view, as for exports.
+                It is one camera (c = 1) if ``depends_on_view`` is true. Other models may choose
+                what to return by ``None``, and ignore which cameras they are.
         """
 
     def temporal_columns(self) -> Mapping[str, Column]:

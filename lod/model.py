@@ -23,6 +23,8 @@ from gsfw.lod.nodes import Tree
 class LodModel(PrimitiveModel):
     """Another static model, of which each view draws a cut of the tree; it is not trained."""
 
+    depends_on_view = True
+
     def __init__(
         self,
         given: PrimitiveModel,

@@ -25,6 +25,7 @@ class ShownModel(PrimitiveModel):
     def __init__(self, given: PrimitiveModel, state: ViewState, to_crop: Similarity | None) -> None:
         """Show ``given`` with the crop, scale and degree of ``state``."""
         super().__init__()
+        self.depends_on_view = given.depends_on_view
         self._given, self._state, self._to_crop = given, state, to_crop
 
     def columns(self) -> Mapping[str, Column]:

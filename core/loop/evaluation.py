@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -96,9 +96,27 @@ def render_model(
     settings: RenderSettings,
     time: Float[Tensor, ""] | None = None,
 ) -> RenderOutput:
-    """Render a model at ``time``, without gradients."""
-    output = rasterizer.render(model.splats(time, cameras), cameras, settings)
-    return model.decode(output, cameras)
+    """Render a model at ``time``, without gradients; see ``by_view`` for several cameras."""
+
+    def render(seen: Cameras) -> RenderOutput:
+        return model.decode(rasterizer.render(model.splats(time, seen), seen, settings), seen)
+
+    return by_view(model, cameras, render)
+
+
+def by_view(
+    model: PrimitiveModel, cameras: Cameras, render: Callable[[Cameras], RenderOutput]
+) -> RenderOutput:
+    """Render all cameras at once, or one by one if the splats of the model depend on the view.
+
+    Statistics are of no splats in the second case: each camera has others.
+    """
+    if not model.depends_on_view or len(cameras) == 1:
+        return render(cameras)
+    outputs = [render(cameras.select([index])) for index in range(len(cameras))]
+    bare = [one.statistics.map(lambda values: values[:, :0]) for one in outputs]
+    pairs = zip(outputs, bare, strict=True)
+    return RenderOutput.cat([replace(output, statistics=none) for output, none in pairs])
 
 
 @torch.no_grad()

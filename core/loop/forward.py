@@ -16,6 +16,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.evaluation import by_view
 from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.render_output import RenderOutput
@@ -62,7 +63,11 @@ class Forward:
         # The views of this step come first: loaders work in the order of the requests.
         data = parts.data.given if isinstance(parts.data, RefinedCapture) else parts.data
         data.prefetch(Split.TRAIN, (*views, *coming))
-        alone = parts.team.splits_views or parts.refiners.needs_view_gradients(step)
+        alone = (
+            parts.team.splits_views
+            or parts.shown.depends_on_view
+            or parts.refiners.needs_view_gradients(step)
+        )
         groups = [(view,) for view in views] if alone else [views]
         batches = [
             batch for group in groups for batch in data.load(Split.TRAIN, group, parts.device)
@@ -99,7 +104,7 @@ class Forward:
         bare = replace(base, statistics=frozenset(), contribution_weights=None)
 
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
-            return parts.render(cameras, bare, time).output
+            return by_view(parts.shown, cameras, lambda seen: parts.render(seen, bare, time).output)
 
         def contributions(weights: Float[Tensor, "c h w 1"]) -> Float[Tensor, "c m"]:
             return parts.rasterizer.contributions(splats, batch.cameras, weights, settings)

@@ -26,7 +26,10 @@ class ModelHandle:
 
     @torch.no_grad()
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
-        """The splats at ``time`` in [0, 1], in the scene frame; must not be changed in place."""
+        """The splats at ``time`` in [0, 1] without a view; must not be changed in place.
+
+        They are in the scene frame.
+        """
         return self.model.splats(time).map(Tensor.detach)
 
     def render(self, cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:

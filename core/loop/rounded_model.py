@@ -33,7 +33,7 @@ class RoundedModel(PrimitiveModel):
             rounded: rounds the values of a column.
         """
         super().__init__()
-        self.model = model
+        self.model, self.depends_on_view = model, model.depends_on_view
         self._rounded = rounded
         places = {id(module): place for place, module in self.named_modules()}
         self._places = {name: places[id(column)] for name, column in self.columns().items()}

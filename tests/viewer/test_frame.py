@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
+from support.view_models import ByView
 from support.viewing import FixedSplats, OneView, captured_model, moving_model, still_model
 
 from gsfw.core.datamanager import Split
@@ -16,7 +17,7 @@ from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.maths.similarity import Similarity
 from gsfw.viewer.arrangement import beside, fitted, slots, wiped
 from gsfw.viewer.frame import FrameMaker
-from gsfw.viewer.shown_model import edited, inside
+from gsfw.viewer.shown_model import edited, inside, shown
 from gsfw.viewer.view_state import Box, CapturedView, Comparison, Pose, ViewState
 from gsfw.viewer.viewed_model import same_world
 
@@ -31,6 +32,17 @@ def test_a_frame_is_the_render_of_the_camera_of_the_page():
     camera = FRONT.cameras(48, 36)
     wanted = render_model(model.model, model.rasterizer, camera, model.settings).color[0]
     assert np.array_equal(frame.image, (wanted.clamp(0, 1) * 255).round().byte().numpy())
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_a_frame_has_the_splats_of_its_camera(scale):
+    plain = still_model()
+    model = replace(plain, model=ByView(plain.model))
+    state = replace(STATE, splat_scale=scale)
+    assert shown(model.model, state).depends_on_view
+    found = FrameMaker([model]).make(state).image
+    assert set(model.model.asked) == {1}
+    assert (found != FrameMaker([plain]).make(state).image).any()
 
 
 def test_a_pose_survives_its_camera():

@@ -18,7 +18,6 @@ from gsfw.api import (
     ConfigError,
     Feature,
     Needs,
-    Refiner,
     StaticGaussians,
     StaticGaussiansConfig,
     StaticGaussiansMethod,
@@ -60,12 +59,12 @@ class SurfelsConfig(StaticGaussiansConfig):
 class Surfels(StaticGaussians):
     """Flat Gaussians: the third axis is the normal."""
 
+    depends_on_view = True  # The channels are in the axes of the camera.
+
     def splats(self, time=None, cameras=None):
         plain = super().splats(time, cameras)
         if cameras is None:
             return plain
-        if len(cameras) > 1:  # Stereo, for instance; losses and images are of single views.
-            return replace(plain, extra=plain.means.new_zeros(len(plain), CHANNELS))
         return replace(plain, extra=plane_channels(plain.means, plain.quats, cameras))
 
     @torch.no_grad()
@@ -86,9 +85,6 @@ class SurfelsMethod(StaticGaussiansMethod):
             )
         model.project_()
         self.unit = scene.world_from_scene.scale
-
-    def refiners(self, scene, model):
-        return (*super().refiners(scene, model), SingleViews())
 
     def losses(self, context):
         losses, config = dict(super().losses(context)), self.config
@@ -133,18 +129,6 @@ class SurfelsMethod(StaticGaussiansMethod):
             "normals": (0.5 * surface.alpha + 0.5 * axes * surface.normals).clamp(0, 1),
             "depth_normals": (surface.alpha * (0.5 + 0.5 * axes * of_depth)).clamp(0, 1),
         }
-
-
-class SingleViews(Refiner):
-    """Renders each view on its own: the channels of surfels depend on the camera."""
-
-    name = "single-views"
-
-    def needs_view_gradients(self, step):
-        return True
-
-    def refine(self, context):
-        return {}
 
 
 def _mean_angle(first, second, where):
