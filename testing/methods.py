@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import torch
 
-from gsfw.core.callback import Callback, Control, RunInfo
 from gsfw.core.config import MethodConfig
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.resolution import MIN_SIDE, ResolutionSchedule
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.core.loop.trainer import Trainer
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.splats import Sh, Splats
@@ -22,29 +19,22 @@ from gsfw.formats.model_file import ModelFileExporter, read_model_file
 from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.plugins.config_file import read_config, write_config
 from gsfw.plugins.rebuild import rebuild, stored_model
-from gsfw.plugins.registry import PartError
 from gsfw.plugins.restore import restore
 from gsfw.plugins.settings import Layer, resolve
 from gsfw.plugins.snapshot import snapshot, with_sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.stress.case import front_camera
+from gsfw.testing.method_trial import HALF, STEPS, TIMES, flat, method_trial, splats_of, trained
 from gsfw.testing.model_edits import EDITS
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.strategies import TableWatch, watched
 from gsfw.testing.subject import Subject
 from gsfw.testing.trial import (
-    MOTION,
-    Changes,
-    Losses,
-    Trial,
     difference,
     require_equal_resume,
     require_own_generator,
-    trial,
 )
 
-STEPS, HALF = 48, 24
-"""Length of the run that most checks look at: eight turns of the training views; its half."""
 SHORT = 12
 """Length of the other runs."""
 EPOCH = 6
@@ -53,79 +43,12 @@ EDITED = 120
 """Length of the runs with strategies, in which these edit rows."""
 STRATEGIES = ("adc", "error", "mcmc", "none")
 """The built-in strategies."""
-TIMES = (0.0, 0.5, 1.0)
 SHADE = 1e-3
 """Largest difference of an image after an export."""
 
 
-def method_trial(subject: Subject, name: str, changes: Changes) -> Trial:
-    """A run of the method on the still scene if it takes that, else on the moving one.
-
-    Raises:
-        BrokenPromise: it refuses both; at the first call for a subject.
-        NotApplicable: it refuses both; at later calls.
-    """
-    scene = subject.once("scene of the method", lambda: _scene(subject))
-    return trial(subject, name, {"steps": STEPS, **scene, **changes}, subject.name)
-
-
-def _scene(subject: Subject) -> Changes:
-    if subject.data is not None:
-        return {}
-    refused = subject.once("refusals", dict[str, str])
-    if refused:
-        raise NotApplicable("not checked: it refuses the built-in scene, as another promise tells")
-    for kind, motion in (("still", {}), ("moving", MOTION)):
-        try:
-            trial(subject, "scene", {"steps": STEPS, **motion}, subject.name).composition()
-        except PartError as error:
-            raise BrokenPromise(f"{error.reason}.", error.advice) from error
-        except ConfigError as error:
-            refused[kind] = error.message
-        else:
-            refused.clear()
-            return motion
-    told = " ".join(f"The {kind} one: {message}" for kind, message in refused.items())
-    raise BrokenPromise(
-        f"it refuses the built-in scene. {told}",
-        "If it needs other data, name some: gsfw plugins check NAME data=PATH, or "
-        "conformance(..., data=PATH) in a test.",
-    )
-
-
-class Halfway(Callback):
-    """Keeps the splats that callbacks see at the first checkpoint."""
-
-    splats: tuple[Mapping[str, object], ...] = ()
-    """Those of each of ``TIMES``."""
-
-    def on_start(self, run: RunInfo, control: Control) -> None:
-        """Keep the model."""
-        assert run.model is not None  # A run that trains has one.
-        self._model = run.model
-
-    def on_checkpoint(self, step: int, path: Path) -> None:
-        """Copy the splats."""
-        if step == HALF:
-            shown = (self._model.splats(torch.tensor(time)) for time in TIMES)
-            self.splats = tuple(_flat(splats) for splats in shown)
-
-
-def _trained(subject: Subject) -> tuple[Trainer, Losses, Halfway]:
-    """A trained run, which several checks look at."""
-
-    def train() -> tuple[Trainer, Losses, Halfway]:
-        run = method_trial(subject, "trained", {"checkpoint_every": HALF})
-        losses, halfway = Losses(), Halfway()
-        trainer = run.trainer([losses, halfway])
-        trainer.fit()
-        return trainer, losses, halfway
-
-    return subject.once("trained run", train)
-
-
 def _learns(subject: Subject) -> None:
-    _, watched_losses, _ = _trained(subject)
+    _, watched_losses, _ = trained(subject)
     losses = watched_losses.losses
     # The best turn, since methods with phases may lose what an earlier phase has learned.
     turns = [sum(losses[at : at + EPOCH]) / EPOCH for at in range(0, STEPS, EPOCH)]
@@ -139,7 +62,7 @@ def _learns(subject: Subject) -> None:
 
 
 def _resumes(subject: Subject) -> None:
-    _trained(subject)
+    trained(subject)
     run = method_trial(subject, "trained", {"checkpoint_every": HALF})
     require_equal_resume(
         run,
@@ -151,11 +74,11 @@ def _resumes(subject: Subject) -> None:
 
 
 def _is_evaluated_as_restored(subject: Subject) -> None:
-    _, _, halfway = _trained(subject)
+    _, _, halfway = trained(subject)
     run = method_trial(subject, "trained", {"checkpoint_every": HALF})
     model = run.resumed(HALF).parts.model
     for time, before in zip(TIMES, halfway.splats, strict=True):
-        found = difference(before, _flat(_splats(model, time)))
+        found = difference(before, flat(splats_of(model, time)))
         require(
             not found,
             f"of the model of step {HALF}, restored, {found} from what evaluations of the run saw "
@@ -214,40 +137,48 @@ def _resolution_schedule(subject: Subject) -> None:
 
 
 def _times_are_honoured(subject: Subject) -> None:
-    trainer, _, _ = _trained(subject)
+    trainer, _, _ = trained(subject)
     parts = trainer.parts
     if not parts.data.scene.is_dynamic:
-        still = [_flat(_splats(parts.model, time)) for time in (None, *TIMES)]
+        still = [flat(splats_of(parts.model, time)) for time in (None, *TIMES)]
         found = next(filter(None, (difference(still[0], other) for other in still[1:])), "")
         require(not found, f"of a still scene, {found} at another time.", "Ignore the time.")
         return
-    moved = [_flat(_splats(parts.model, time)) for time in TIMES]
+    moved = [flat(splats_of(parts.model, time)) for time in TIMES]
     require(
         any(difference(moved[0], other) for other in moved[1:]),
         f"after {STEPS} steps the splats are the same at the times {TIMES}.",
         "Let splats(time) depend on the time.",
     )
-    again = difference(moved[0], _flat(_splats(parts.model, TIMES[0])))
+    again = difference(moved[0], flat(splats_of(parts.model, TIMES[0])))
     require(
         not again,
         f"asked again for time 0 after other times, {again}.",
         "splats(time) must not depend on earlier calls: keep no state of a batch in the model.",
     )
-    first = difference(moved[0], _flat(_splats(parts.model, None)))
+    first = difference(moved[0], flat(splats_of(parts.model, None)))
     require(not first, f"without a time, {first} from time 0.", "None stands for the first time.")
 
 
-@torch.no_grad()
-def _splats(model: PrimitiveModel, time: float | None) -> Splats:
-    return model.splats(None if time is None else torch.tensor(time))
-
-
-def _flat(splats: Splats) -> Mapping[str, object]:
-    return {name: tensor.clone() for name, tensor in splats.tensors().items()}
+def _view_dependence_is_declared(subject: Subject) -> None:
+    trainer, _, _ = trained(subject)
+    parts = trainer.parts
+    if parts.model.depends_on_view:
+        raise NotApplicable("it declares that they depend on the view")
+    views = parts.data.views(Split.TRAIN).cameras
+    for time in TIMES if parts.data.scene.is_dynamic else (None,):
+        first, *others = (flat(splats_of(parts.model, time, views[at])) for at in (0, 1, -1))
+        found = next(filter(None, (difference(first, other) for other in others)), "")
+        require(
+            not found,
+            f"asked for another camera, {found} (time {time}).",
+            "Set depends_on_view = True in the model, so that each view gets its own splats; or "
+            "let splats() ignore which cameras it is given.",
+        )
 
 
 def _model_file_renders_the_same(subject: Subject) -> None:
-    _trained(subject)
+    trained(subject)
     run = method_trial(subject, "trained", {"checkpoint_every": HALF})
     restored = restore(RunFolder(run.folder), subject.registry)
     path = subject.workspace / "model.gsfw"
@@ -259,7 +190,7 @@ def _model_file_renders_the_same(subject: Subject) -> None:
     again = rebuild(read_model_file(path), path, subject.registry).composition.parts.model
     model = restored.composition.parts.model
     for time in TIMES if restored.composition.scene.is_dynamic else (None,):
-        found = difference(_flat(_splats(model, time)), _flat(_splats(again, time)))
+        found = difference(flat(splats_of(model, time)), flat(splats_of(again, time)))
         require(
             not found,
             f"of the model that was read from its file, {found} (time {time}).",
@@ -269,10 +200,10 @@ def _model_file_renders_the_same(subject: Subject) -> None:
 
 
 def _export_renders_the_same(subject: Subject) -> None:
-    trainer, _, _ = _trained(subject)
+    trainer, _, _ = trained(subject)
     parts = trainer.parts
     decodes = type(parts.model).decode is not PrimitiveModel.decode
-    before = with_sh(_splats(parts.model, 0.0))
+    before = with_sh(splats_of(parts.model, 0.0))
     if decodes or not isinstance(before.colors, Sh):
         raise NotApplicable("its colours are made after rendering, which no splat file holds")
     taken = snapshot(parts.model, parts.data.scene, False, torch.tensor(0.0))
@@ -347,6 +278,12 @@ PROMISES = (
         "times-are-honoured",
         "Splats depend on the time if the method is a moving one, and on nothing else.",
         _times_are_honoured,
+        trains=True,
+    ),
+    Promise(
+        "view-dependence-is-declared",
+        "Splats are the same for all cameras, unless the model says that they depend on the view.",
+        _view_dependence_is_declared,
         trains=True,
     ),
     *EDITS,

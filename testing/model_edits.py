@@ -8,6 +8,7 @@ import torch
 
 from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.table import SplatTable
+from gsfw.testing.method_trial import method_trial
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
 from gsfw.testing.table_checks import check_table
@@ -21,8 +22,6 @@ def _fresh(subject: Subject) -> tuple[DensifiableModel, SplatTable, Callable[[st
     Raises:
         NotApplicable: the model cannot be densified.
     """
-    from gsfw.testing.methods import method_trial
-
     parts = method_trial(subject, "edits", {}).composition().parts
     model = parts.model
     if not isinstance(model, DensifiableModel):

@@ -134,6 +134,14 @@ def _with_noise(self, time=None, cameras=None):
     return replace(splats, means=splats.means + getattr(self, "noise", 0.0))
 
 
+def _fading_with_distance(self, time=None, cameras=None):
+    splats = StaticGaussians.splats(self, time, cameras)
+    if cameras is None:
+        return splats
+    distances = (splats.means.detach() - cameras.centers[0]).norm(dim=1)
+    return replace(splats, opacities=splats.opacities * (-0.1 * distances).exp())
+
+
 def _half_of_the_columns(self, rows, generator=None):
     return dict(list(StaticGaussians.clone_rows(self, rows, generator).items())[:2])
 
@@ -177,6 +185,7 @@ _method("resumes-to-the-same-bits", losses=_weighted_by_a_counter)
 _method("uses-the-given-generator", losses=_noisy)
 _method("is-evaluated-as-restored", {"splats": _with_noise}, prepare=_noisy_since_a_step)
 _method("times-are-honoured", {"splats": _drifting})
+_method("view-dependence-is-declared", {"splats": _fading_with_distance})
 _method("edits-keep-columns", {"clone_rows": _half_of_the_columns})
 _method("opacities-change-as-asked", {"change_opacities_": _changes_nothing})
 _method("children-are-alike", {"split_rows": _large_children})
