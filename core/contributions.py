@@ -26,6 +26,14 @@ SEEN = 0.1
 """Pixels, weighted by alpha times transmittance, from which on a view counts as seeing a splat."""
 
 
+SplatsAt = Callable[[Float[Tensor, ""] | None, Cameras], Splats]
+"""Splats at a time in [0, 1], or ``None``, for one camera: ``PrimitiveModel.splats``, or alike."""
+
+
+class NoRowsError(ValueError):
+    """The splats of a view are no rows of the model, such as a cut of its tree."""
+
+
 @dataclass(frozen=True)
 class Contributions:
     """Contributions of each row to some views, on the CPU."""
@@ -38,7 +46,7 @@ class Contributions:
     @staticmethod
     @torch.no_grad()
     def of(
-        splats_at: Callable[[Float[Tensor, ""] | None], Splats],
+        splats_at: SplatsAt,
         num_rows: int,
         cameras: Sequence[Cameras],
         rasterizer: Rasterizer,
@@ -48,20 +56,25 @@ class Contributions:
         """Render views without colours, each at its time, and sum what each row adds to them.
 
         Args:
-            splats_at: the splats at a time, in the scene frame; they are rendered in float32.
+            splats_at: the splats in the scene frame; they are rendered in float32.
             num_rows: number of rows; splats of some times may be fewer.
             cameras: one for each view, on the device of the splats.
             rasterizer: measures contributions.
             settings: of the render.
             most: most views that are rendered, spread evenly over all, which bounds the time; 0
                 for all.
+
+        Raises:
+            NoRowsError: the splats of a view do not name their rows, and are not all of them.
         """
         total = torch.zeros(num_rows, dtype=torch.float64)
         views = torch.zeros(num_rows, dtype=torch.int64)
         chosen = spread(range(len(cameras)), most)
         for index in tracked(chosen, "measuring what each Gaussian adds to views", len(chosen)):
             seen = cameras[index].to(dtype=torch.float32)
-            splats = splats_at(None if seen.time is None else seen.time[0])
+            splats = splats_at(None if seen.time is None else seen.time[0], seen)
+            if splats.rows is None and len(splats) != num_rows:
+                raise NoRowsError(f"a view has {len(splats)} splats of {num_rows} rows, unnamed")
             splats = splats.map(lambda tensor: tensor.detach().float())
             added = rasterizer.contributions(splats, seen, settings=settings)
             added = added.sum(0).double().cpu()

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.contributions import Contributions
+from gsfw.core.contributions import Contributions, SplatsAt
 from gsfw.core.datamanager import spread
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.splats import Splats
 
 MOST_VIEWS = 100
 """Most views that are rendered, spread evenly over all; it bounds the time."""
@@ -42,13 +41,11 @@ class Capture:
         chosen = spread(range(len(self.cameras)), MOST_VIEWS)
         return [self.cameras[index] for index in chosen]
 
-    def contributions(
-        self, splats_at: Callable[[Float[Tensor, ""] | None], Splats], num_rows: int
-    ) -> Contributions:
+    def contributions(self, splats_at: SplatsAt, num_rows: int) -> Contributions:
         """Contributions of each row to ``sampled`` views, each at its time.
 
         Args:
-            splats_at: the splats at a time, in the scene frame, on the device.
+            splats_at: the splats in the scene frame, on the device.
             num_rows: number of rows; splats of some times may be fewer.
         """
         cameras = [camera.to(self.device) for camera in self.cameras]

@@ -201,7 +201,7 @@ class EditableSplats(Editable):
     def contributions(self) -> Contributions:
         """Measure the contributions of each splat to the views of the capture."""
         splats = self.scene_splats()
-        return self.capture().contributions(lambda time: splats, len(self))
+        return self.capture().contributions(lambda time, camera: splats, len(self))
 
     def keep(self, rows: Bool[Tensor, " n"]) -> EditableSplats:
         """Leave out all other rows."""

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.contributions import Contributions
 from gsfw.core.errors import ConfigError
@@ -69,8 +70,8 @@ class EditableModel(Editable):
         return torch.tensor(time, device=self.given.device)
 
     @torch.no_grad()
-    def _at(self, time: float) -> Splats:
-        return self.model.splats(self._time(time)).map(torch.Tensor.detach)
+    def _at(self, time: float, camera: Cameras | None = None) -> Splats:
+        return self.model.splats(self._time(time), camera).map(torch.Tensor.detach)
 
     def splats(self) -> Splats:
         """The splats of one time in the world of now."""
@@ -165,8 +166,9 @@ class EditableModel(Editable):
         return max(total / max(len(self), 1), 1.0)
 
     def can_refit(self) -> bool:
-        """True for a static model whose constant colours are a column."""
+        """True for a static model whose constant colours are a column, the same for all views."""
         is_still = len(self.times) == 1 and CONSTANT in self.model.columns()
+        is_still = is_still and not self.model.depends_on_view
         return is_still and isinstance(self._at(self.time).colors, Sh) and not self._decodes()
 
     @torch.no_grad()
@@ -176,8 +178,8 @@ class EditableModel(Editable):
         return self
 
     def _coefficients(self, time: float) -> Float[Tensor, "n k 3"] | None:
-        """All coefficients of the colours at a time; ``None`` for colours of another kind."""
-        found = self._at(time).colors
+        """Coefficients of the first view's colours at a time; ``None`` for colours of no SH."""
+        found = self._at(time, self.given.cameras[0].to(self.given.device)).colors
         return found.dense().detach().clone() if isinstance(found, Sh) else None
 
     def _decodes(self) -> bool:
@@ -185,7 +187,7 @@ class EditableModel(Editable):
         if type(self.model).decode is PrimitiveModel.decode:
             return False
         small = self.given.cameras[0].resized(8, 8).to(self.given.device)
-        splats = self._at(self.time)
+        splats = self._at(self.time, small)
         output = self.given.rasterizer.render(splats, small, self.given.settings)
         return self.model.decode(output, small) is not output
 

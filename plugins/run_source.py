@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.contributions import MEASURES, Contributions
+from gsfw.core.contributions import MEASURES, Contributions, NoRowsError
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import (
@@ -131,7 +131,7 @@ class RunSource(ExportSource):
     def contributions(self) -> Float[Tensor, " n"] | None:
         """Contribution of each row to the training views, float64 on the CPU; computed once.
 
-        ``None`` where the run's rasterizer cannot measure it.
+        ``None`` where the run's rasterizer cannot measure it, or a view shows no rows, but a cut.
         """
         return self._contributions
 
@@ -144,8 +144,12 @@ class RunSource(ExportSource):
             return None
         model = parts.model
         cameras = [camera.to(parts.device) for camera in parts.data.views(Split.TRAIN).cameras]
-        found = Contributions.of(model.splats, model.num_rows, cameras, parts.rasterizer, settings)
-        return found.total
+        try:
+            return Contributions.of(
+                model.splats, model.num_rows, cameras, parts.rasterizer, settings
+            ).total
+        except NoRowsError:
+            return None
 
     @torch.no_grad()
     def track_file(self) -> TrackFile:

@@ -21,7 +21,7 @@ def measured(splats_at, num_rows, cameras, most=0):
 def test_contributions_are_what_each_splat_adds_to_the_images():
     splats = random_splats(8)
     cameras = [front_camera(), front_camera(distance=3.0)]
-    found = measured(lambda time: splats, 8, cameras)
+    found = measured(lambda time, camera: splats, 8, cameras)
     # A channel for each splat, in which it alone is 1: what is drawn is alpha times transmittance.
     alone = replace(splats, colors=torch.eye(8))
     added = [ReferenceRasterizer().render(alone, camera).color.sum((0, 1, 2)) for camera in cameras]
@@ -33,9 +33,9 @@ def test_rows_that_are_absent_at_the_time_of_a_view_add_nothing_to_it():
     splats = random_splats(8)
     few = replace(splats, rows=torch.arange(8)).take(torch.tensor([1, 4, 6]))
     cameras = [replace(front_camera(), time=torch.tensor([time])) for time in (0.0, 1.0)]
-    found = measured(lambda time: splats if time > 0.5 else few, 8, cameras)
-    early = measured(lambda time: few, 8, cameras[:1])
-    late = measured(lambda time: splats, 8, cameras[1:])
+    found = measured(lambda time, camera: splats if time > 0.5 else few, 8, cameras)
+    early = measured(lambda time, camera: few, 8, cameras[:1])
+    late = measured(lambda time, camera: splats, 8, cameras[1:])
     assert early.total.nonzero()[:, 0].tolist() == [1, 4, 6]
     assert torch.equal(found.total, early.total + late.total)
     assert torch.equal(found.views, early.views + late.views)
@@ -44,11 +44,30 @@ def test_rows_that_are_absent_at_the_time_of_a_view_add_nothing_to_it():
 def test_as_many_views_as_asked_for_are_measured_from_first_to_last():
     splats = random_splats(8)
     cameras = [front_camera(distance=2.0 + 0.1 * index) for index in range(5)]
-    some = measured(lambda time: splats, 8, cameras, most=3)
-    same = measured(lambda time: splats, 8, [cameras[index] for index in (0, 2, 4)])
+    some = measured(lambda time, camera: splats, 8, cameras, most=3)
+    same = measured(lambda time, camera: splats, 8, [cameras[index] for index in (0, 2, 4)])
     assert torch.equal(some.total, same.total)
     assert torch.equal(some.views, same.views)
-    assert (measured(lambda time: splats, 8, cameras).total >= some.total).all()
+    assert (measured(lambda time, camera: splats, 8, cameras).total >= some.total).all()
+
+
+def test_each_view_is_measured_with_the_splats_of_its_camera():
+    splats = random_splats(8)
+    cameras = [front_camera(), front_camera(distance=3.0)]
+    halves = {4.0: splats.take(torch.arange(4)), 3.0: splats.take(torch.arange(4, 8))}
+    halves = {
+        distance: replace(half, rows=torch.arange(4) + 4 * (distance == 3.0))
+        for distance, half in halves.items()
+    }
+
+    def of_view(time, camera):
+        return halves[float(camera.world_to_camera[0, 2, 3])]
+
+    found = measured(of_view, 8, cameras)
+    each = [measured(of_view, 8, [camera]).total for camera in cameras]
+    assert torch.equal(found.total, each[0] + each[1])
+    assert each[0][:4].any()
+    assert not each[0][4:].any()
 
 
 @settings(max_examples=60, deadline=None)

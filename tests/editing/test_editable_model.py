@@ -6,6 +6,7 @@ import pytest
 import torch
 from support.editing import WORLD, balls, edited
 from support.moving_scene import WHITE
+from support.view_models import ByView
 
 from gsfw.core.column import Column
 from gsfw.core.errors import ConfigError
@@ -137,6 +138,33 @@ def test_a_static_model_is_decimated_with_refitted_colours_and_a_moving_one_with
     result = edited(still, "decimate.count", "1")
     assert len(result.piece) == 1
     assert "before colours were refitted" in result.note
+
+
+class Tinted(ByView):
+    """Its colours too are of the view."""
+
+    def splats(self, time=None, cameras=None):
+        splats = super().splats(time, cameras)
+        if cameras is None:
+            return splats
+        return replace(splats, colors=Sh(splats.colors.coefficients.square(), 0))
+
+
+def test_colours_that_depend_on_the_view_are_not_changed():
+    change = colors.brightness(1.5)
+    fading = replace(balls(), model=ByView(balls().model))
+    assert fading.recolored(change) is fading
+    tinted = replace(balls(), model=Tinted(balls().model))
+    with pytest.raises(ConfigError, match="makes its colours of more than the columns"):
+        tinted.recolored(change)
+
+
+def test_rows_whose_splats_depend_on_the_view_are_pruned_by_their_views_and_not_refitted():
+    still = replace(balls(), times=(0.0,))
+    piece = replace(still, model=ByView(still.model))
+    assert not piece.can_refit()
+    assert (piece.contributions().total < still.contributions().total).all()
+    assert set(piece.model.asked) == {1}
 
 
 def test_a_model_fits_a_size():
