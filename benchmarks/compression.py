@@ -92,11 +92,11 @@ def psnr(model: FinishedModel, subject: Subject) -> float:
     metric, values = model.parts.metrics["psnr"], []
     for view, camera in zip(model.views, model.cameras, strict=True):
         (batch,) = model.parts.data.load(Split.EVAL, [view], model.device)
-        moment = None if camera.time is None else camera.time[0]
         background = subject.settings.background
         assert background is not None
         valid = None if batch.valid is None else batch.valid[0]
-        image = subject.image(subject.splats(moment), camera)
+        (splats,) = subject.splats_of([camera])
+        image = subject.image(splats, camera)
         values.append(metric(image, batch.target(background)[0], valid))
     return sum(values) / len(values)
 

@@ -68,15 +68,16 @@ class Worth:
         names = data.views(split).names
         chosen = evenly(len(names), MOST_VIEWS)
         still = torch.tensor(STILL_TIME, device=device)
-        degree, scores = _drawn_degree(subject.splats(still)), _scores(subject, data, device)
+        camera = data.views(split).cameras[chosen[0]].to(device)
+        degree = _drawn_degree(subject.splats(still, camera))
+        scores = _scores(subject, data, device)
         variants: list[Edit] = [
             lambda splats: splats,
             *(ShTruncation(lower) for lower in reversed(range(degree))),
             *(Kept(most_useful_part(scores, 1 - part)) for part in _parts(scores)),
-            *([lambda splats: subject.splats(still)] if moves else []),
         ]
         batches = _photos(data, split, chosen, device)
-        found = _psnr(subject, batches, variants)
+        found = _psnr(subject, batches, variants, still if moves else None)
         whole, pruned = found[0], found[1 + degree :]
         steps = pairwise(found[: degree + 1])
         return Worth(
@@ -128,15 +129,20 @@ def _photos(
         yield from data.load(split, [view], device)
 
 
-def _psnr(subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit]) -> list[float]:
-    """Mean PSNR of each variant over the views."""
+def _psnr(
+    subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit], still: Tensor | None
+) -> list[float]:
+    """Mean PSNR of each variant over the views, and last of the model at the time ``still``."""
     background = subject.settings.background
     assert background is not None
     found: list[list[float]] = []
     for batch in batches:
         target = batch.target(background)[0]
         valid = None if batch.valid is None else batch.valid[0]
-        splats = subject.splats(batch.time)
-        images = (subject.image(edit(splats), batch.cameras) for edit in variants)
+        camera = batch.cameras
+        splats = subject.splats(batch.time, camera)
+        drawn = [edit(splats) for edit in variants]
+        drawn += [] if still is None else [subject.splats(still, camera)]
+        images = (subject.image(item, camera) for item in drawn)
         found.append([psnr(image, target, valid) for image in images])
     return [sum(values) / len(values) for values in zip(*found, strict=True)]

@@ -68,8 +68,8 @@ def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant],
 
 
 def _as_it_is(model: FinishedModel) -> Variant:
-    """The unchanged model, as a file of splats, or of the whole model if it moves."""
-    if model.is_still:
+    """The unchanged model, as a file of splats, or of the whole model where it is more."""
+    if model.subject.is_splats:
         return Variant(AS_IS, AS_IS, unchanged, ("export",), file=_file_of(model))
     trips = round_trips(model)
     form = next((trip.form for trip in trips if trip.holds_the_model), "")
@@ -78,8 +78,8 @@ def _as_it_is(model: FinishedModel) -> Variant:
 
 
 def _file_of(model: FinishedModel) -> str:
-    """Format for the sizes of files; empty where none holds the splats."""
-    trips = round_trips(model)
+    """Format for the sizes of files; empty where splats are not the model, or none holds them."""
+    trips = round_trips(model) if model.subject.is_splats else []
     return PLY if any(trip.form == PLY for trip in trips) else ""
 
 
@@ -98,8 +98,8 @@ def _kept(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
 
 
 def _export(model: FinishedModel, *settings: str) -> tuple[str, ...]:
-    """The command that writes the variant; there is none for a moving model."""
-    return ("export", *settings) if model.is_still else ()
+    """The command that writes the variant; there is none for a model that is more than splats."""
+    return ("export", *settings) if model.subject.is_splats else ()
 
 
 def _sh(model: FinishedModel) -> Made:

@@ -56,8 +56,7 @@ class Exact:
 def _images(subject: Subject, cameras: Sequence[Cameras]) -> Float[Tensor, " m"]:
     """All pixels of all images in a row, before any colour network; float64."""
     rendered = []
-    for camera in cameras:
-        splats = subject.splats(None if camera.time is None else camera.time[0])
+    for camera, splats in zip(cameras, subject.splats_of(cameras), strict=True):
         image = subject.render(splats, camera).color[0].double()
         rendered.append(enlarged(image, camera).flatten())
     return torch.cat(rendered)
@@ -69,16 +68,13 @@ class Turn:
 
     subject: Subject
     splats: tuple[Splats, ...]
-    """Splats for each camera; those of a moving model are of the camera's time."""
+    """Splats for each camera."""
     cameras: Sequence[Cameras]
 
     @staticmethod
     def of(subject: Subject, cameras: Sequence[Cameras]) -> Turn:
         """Make the splats; their time is not measured, since no variant changes it."""
-        if subject.is_still:
-            return Turn(subject, (subject.splats(),) * len(cameras), cameras)
-        times = [None if camera.time is None else camera.time[0] for camera in cameras]
-        return Turn(subject, tuple(subject.splats(moment) for moment in times), cameras)
+        return Turn(subject, tuple(subject.splats_of(cameras)), cameras)
 
     def take(self, device: torch.device) -> float:
         """Render every view once; milliseconds of wall time for a view."""

@@ -144,20 +144,18 @@ class Runner:
 
     def _shown(self, subject: Subject, places: Iterable[int]) -> Iterator[Shown]:
         """Rendered views with their targets."""
-        still = subject.splats() if subject.is_still else None
-        for place in places:
-            camera = self.model.cameras[place]
-            moment = None if camera.time is None else camera.time[0]
-            splats = subject.splats(moment) if still is None else still
-            yield subject.image(splats, camera), *self._target(place)
+        chosen = list(places)
+        cameras = [self.model.cameras[place] for place in chosen]
+        for place, splats in zip(chosen, subject.splats_of(cameras), strict=True):
+            yield subject.image(splats, self.model.cameras[place]), *self._target(place)
 
     def _target(self, place: int) -> tuple[Tensor, Tensor | None]:
         """The photo of a view and its valid pixels; without photos, a render of the model."""
         model = self.model
         camera, subject = model.cameras[place], model.subject
         if not model.parts.data.has_images:
-            moment = None if camera.time is None else camera.time[0]
-            return subject.image(subject.splats(moment), camera), None
+            (splats,) = subject.splats_of([camera])
+            return subject.image(splats, camera), None
         (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)
         assert subject.settings.background is not None
         valid = None if batch.valid is None else batch.valid[0]

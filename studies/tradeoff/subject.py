@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -42,13 +42,31 @@ class Subject:
     float_bytes: int = 4
     """Bytes of a stored parameter."""
 
+    @property
+    def is_splats(self) -> bool:
+        """True if it is one set of splats, the same at all times and for all cameras."""
+        return self.is_still and (self.read is not None or not self.model.depends_on_view)
+
     @torch.no_grad()
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
-        """The splats at ``time`` in [0, 1]; a static model ignores it."""
-        splats = self.model.splats(time) if self.read is None else self.read
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, camera: Cameras | None = None
+    ) -> Splats:
+        """The splats at ``time`` in [0, 1], which a static model ignores.
+
+        Without a ``camera`` they are those of files.
+        """
+        splats = self.model.splats(time, camera) if self.read is None else self.read
         for edit in self.edits:
             splats = edit(splats)
         return splats.map(lambda tensor: tensor.detach().to(self.dtype))
+
+    def splats_of(self, cameras: Sequence[Cameras]) -> Iterator[Splats]:
+        """The splats for each camera, at its time; made once where they are the same for all."""
+        splats = None
+        for camera in cameras:
+            if splats is None or not self.is_splats:
+                splats = self.splats(None if camera.time is None else camera.time[0], camera)
+            yield splats
 
     @torch.no_grad()
     def render(self, splats: Splats, camera: Cameras) -> RenderOutput:
@@ -77,11 +95,11 @@ class Subject:
 
     def num_gaussians(self) -> int:
         """Number of stored Gaussians."""
-        return len(self.splats()) if self.is_still else self._storage().num_rows
+        return len(self.splats()) if self.is_splats else self._storage().num_rows
 
     def num_floats(self) -> int:
-        """Number of stored floats: of the splats, or of the parameters of a moving model."""
-        if self.is_still:
+        """Number of stored floats: of the splats, or of the parameters of other models."""
+        if self.is_splats:
             return sum(tensor.numel() for tensor in _stored(self.splats()).tensors().values())
         return round(self._storage().num_bytes / self.float_size())
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 import pytest
 import torch
 from support.scenes import front_camera, random_splats
+from support.view_models import ByView
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
@@ -43,8 +44,8 @@ class DrawnData(DataManager):
         self._held_out = held_out
         subject = subject_of(model, times)
         self._images = [
-            subject.image(subject.splats(camera.time[0] if times else None), camera)
-            for camera in self._views
+            subject.image(splats, camera)
+            for splats, camera in zip(subject.splats_of(self._views), self._views, strict=True)
         ]
 
     @property
@@ -118,6 +119,14 @@ def test_gaussians_that_nobody_sees_buy_nothing_and_the_others_do():
     assert (tenth.contribution, quarter.contribution) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert half.bought_db > 1.0
     assert 0.0 < half.contribution < 0.5
+
+
+@pytest.mark.parametrize("times", [0, 3])
+def test_each_view_has_the_splats_of_its_camera(times):
+    model = ByView(gaussians(matte(), degree=1))
+    found = Worth.of(subject_of(model, times), DrawnData(model, times=times), CPU)
+    assert found.psnr == PSNR_MAX
+    assert found.bands == (0.0,)
 
 
 class Sliding(StaticGaussians):
