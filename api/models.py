@@ -111,7 +111,8 @@ class Model:
         """The activated Gaussians, float32, without gradients.
 
         Rows that are not finite are left out. float32 is coarse where coordinates are large, as in
-        georeferenced captures; ``Model.render`` is exact there.
+        georeferenced captures; ``Model.render`` is exact there. A model whose splats depend on the
+        view returns those without a view; ``Model.render`` asks for those of each camera.
 
         Args:
             time: in [0, 1]; ``None`` for 0. A static model ignores it.

@@ -154,7 +154,7 @@ class _Input:
     splats: SplatFile | None = None
     """Its splats at one time; ``None`` if the format holds more."""
     restored: Restored | None = None
-    """The run or model, if the format holds more of it; ``None`` for a file that moves."""
+    """The run or model that it is taken from; ``None`` for a file of splats."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class _Conversion:
 
     def write(self) -> dict[str, Any]:
         """Write OUT, say what is in it, and return the document."""
-        from gsfw.commands.interface.exported_splats import rounding_note
+        from gsfw.commands.interface.exported_splats import rounding_note, view_notes
         from gsfw.plugins.exporters import readable_value_errors
 
         taken = self._input()
@@ -192,6 +192,8 @@ class _Conversion:
         count = len(source.splat_file().splats)
         dropped = taken.splats.num_dropped
         notes = rounding_note(source.splat_file().splats)
+        if taken.restored is not None:
+            notes += view_notes(taken.restored.composition.parts.model)
         document |= {"num_gaussians": count, "num_dropped": dropped, "num_invisible": invisible}
         self.console.say(f"{count:,} splats of {self.options.source} to {self._sizes(document)}")
         self._say_left_out(dropped, invisible)
@@ -268,7 +270,7 @@ class _Conversion:
         source = RunSource(restored, self.options.time, data_times(restored.composition))
         if holds is not Holds.SPLATS:
             return _Input(source, restored=restored)
-        return _Input(source, source.splat_file())
+        return _Input(source, source.splat_file(), restored)
 
     def _smaller(self, content: SplatFile) -> tuple[SplatFile, int]:
         """The splats to be written, and the number of invisible ones that are not."""

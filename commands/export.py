@@ -221,7 +221,7 @@ class _Export:
 
     def _splats(self) -> dict[str, Any]:
         """The model at one time, as one file."""
-        from gsfw.commands.interface.exported_splats import splat_notes
+        from gsfw.commands.interface.exported_splats import splat_notes, view_notes
         from gsfw.formats.visible_splats import without_invisible
         from gsfw.plugins.exporters import readable_value_errors
         from gsfw.plugins.run_source import RunSource
@@ -235,6 +235,8 @@ class _Export:
         with readable_value_errors(path, options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         splats, notes = content.splats, splat_notes(taken)
+        if not options.budget:  # A cut is chosen for views.
+            notes += view_notes(self.restored.composition.parts.model)
         left_out = f" ({invisible:,} too faint to be seen are left out)" if invisible else ""
         count = self._say(f"{len(splats):,} splats{left_out}", path)
         loss = self._loss(path, taken, notes)

@@ -91,7 +91,7 @@ def within_budget(restored: Restored, detail: Detail) -> Restored:
     """A run that is drawn as cuts of a tree of its model, which is built here.
 
     Raises:
-        ConfigError: the model moves, or has no SH colours.
+        ConfigError: the model moves, has other splats for each view, or has no SH colours.
     """
     from gsfw.core.datamanager import Split, spread
     from gsfw.core.maths.frame import with_axes
@@ -106,6 +106,12 @@ def within_budget(restored: Restored, detail: Detail) -> Restored:
             "budget: levels of detail need a static model, and this one moves.",
             "Leave budget and detail out; or draw one time of it: gsfw export RUN format=lod "
             "time=0.5",
+        )
+    if parts.model.depends_on_view:
+        raise ConfigError(
+            "budget: a tree of levels of detail has one set of splats, and those of this model "
+            "depend on the view.",
+            "Leave budget and detail out.",
         )
     splats = with_axes(parts.model.splats().map(lambda tensor: tensor.detach()).to("cpu"))
     if not isinstance(splats.colors, Sh):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.exported_splats import view_notes
 from gsfw.commands.interface.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.commands.interface.summary import file_rows, next_rows, run_rows, summary_text
@@ -140,6 +141,8 @@ def write_splats(trainer: Trainer, console: Console) -> int:
     except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
         return 0
+    for note in view_notes(parts.model):
+        console.warn(f"splats.ply: {note}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
     return invisible

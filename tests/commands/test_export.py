@@ -16,6 +16,7 @@ from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.ply import PlyImporter
+from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.plugins.exporters import writable_suffixes
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
@@ -65,6 +66,22 @@ def test_a_format_that_rounds_says_how_near_its_images_are(run, tmp_path, capsys
     again = f"gsfw convert {run} FILE format=splat check=true"
     assert f"may round values; {again} writes another file and compares it\n" in said.err
     assert main(again.replace("FILE", str(tmp_path / "b.splat")).split()[1:]) == 0
+
+
+NOTE = "the splats of this model depend on the view: a file of splats has those without a view"
+
+
+@pytest.mark.parametrize("words", [["export"], ["convert"], ["edit", "scale=2"]])
+def test_a_file_of_splats_that_depend_on_the_view_is_warned_of(
+    run, tmp_path, capsys, monkeypatch, words
+):
+    verb, *steps = words
+    out = tmp_path / "scene.ply"
+    place = [str(out)] if verb == "convert" else [f"out={out}"]
+    for depends in (True, False):
+        monkeypatch.setattr(StaticGaussians, "depends_on_view", depends)
+        assert main([verb, str(run), *place, *steps]) == 0
+        assert (NOTE in capsys.readouterr().err) == depends
 
 
 def test_json_is_one_document(run, tmp_path, capsys):

@@ -8,6 +8,7 @@ from support.scenes import random_splats
 from gsfw.commands.main import main
 from gsfw.core.exchange import SplatFile
 from gsfw.formats.ply import PlyExporter, PlyImporter
+from gsfw.methods.gaussians3d.model import StaticGaussians
 
 pytestmark = pytest.mark.unchecked
 
@@ -31,6 +32,13 @@ def tree(splats):
 def test_a_tree_is_converted_back_to_all_of_its_splats(tree, tmp_path):
     assert main(["convert", str(tree), str(tmp_path / "back.ply"), "check=false"]) == 0
     assert len(PlyImporter().read(tmp_path / "back.ply").splats) == 900
+
+
+def test_a_tree_is_converted_to_a_compressed_model(tree, tmp_path):
+    out = tmp_path / "all.gsfw"
+    words = ["convert", str(tree), str(out), "format.precision=compressed"]
+    assert main(words) == 0
+    assert out.is_file()
 
 
 @pytest.mark.parametrize("given", [("budget=50",), ("detail=9",), ()])
@@ -61,6 +69,14 @@ def test_a_budget_that_does_not_fit_into_memory_says_what_it_needs(tree, tmp_pat
 def test_limits_that_are_no_numbers_are_refused(tree, capsys, given):
     assert main(["render", str(tree), given]) == 2
     assert given.partition("=")[0] in capsys.readouterr().err
+
+
+def test_a_model_whose_splats_depend_on_the_view_is_refused(finished_run, capsys, monkeypatch):
+    monkeypatch.setattr(StaticGaussians, "depends_on_view", True)
+    assert main(["eval", str(finished_run), "budget=50"]) == 2
+    said = capsys.readouterr().err
+    assert "one set of splats, and those of this model depend on the view." in said
+    assert "Leave budget and detail out." in said
 
 
 def test_info_tells_a_tree(tree, capsys):
