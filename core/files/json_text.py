@@ -16,7 +16,11 @@ fewer than 20. What goes through a document by recursion need not fear a deeper 
 
 
 def json_text(document: object, indent: int | None = None) -> str:
-    """A document of plain data as JSON; NaN and infinities, which JSON lacks, become null."""
+    """A document of plain data as JSON; NaN and infinities, which JSON lacks, become null.
+
+    Bytes of file names that are no Unicode are written as escapes within the text: readers, such as
+    ``parsed_json``, refuse half of a surrogate pair.
+    """
     return json.dumps(_readable(document), indent=indent, allow_nan=False)
 
 
@@ -85,7 +89,9 @@ def _readable(value: object) -> Any:  # noqa: ANN401 - plain data of any kind
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: _readable(item) for key, item in value.items()}
+        return {_readable(key): _readable(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_readable(item) for item in value]
+    if isinstance(value, str) and not value.isascii():
+        return value.encode(errors="backslashreplace").decode()
     return value

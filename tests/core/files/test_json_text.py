@@ -34,6 +34,13 @@ def test_what_goes_beyond_the_bounds_is_a_value_error(text, words):
         parsed_json(text)
 
 
+def test_names_that_are_no_unicode_are_read_again():
+    written = json_text({"scene": "by\udcfftes", "caf\u00e9\udcff": ["\U0001f600"]})
+    assert parsed_json(written) == {
+        "scene": "by\\udcfftes", "caf\u00e9\\udcff": ["\U0001f600"]
+    }  # fmt: skip
+
+
 def test_whatever_is_within_the_bounds_is_read():
     deep = "[" * 100 + "]" * 100
     assert json.dumps(parsed_json(deep)) == deep
