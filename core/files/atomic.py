@@ -111,7 +111,7 @@ def write_error(error: OSError, path: Path) -> OutputError | None:
 
 
 def disk_error(error: BaseException, path: Path | None = None) -> OutputError | None:
-    """The clear message for a disk that is full or fails; ``None`` for another kind of error.
+    """The clear message for a disk that is full, fails or takes no larger file, else ``None``.
 
     Args:
         error: of the system, while something was written or read.
@@ -124,6 +124,11 @@ def disk_error(error: BaseException, path: Path | None = None) -> OutputError | 
         return OutputError(
             f"the disk is full: {place or 'a file'} could not be written.",
             f"Free some space, or choose {PLACE}.",
+        )
+    if error.errno == errno.EFBIG:
+        return OutputError(
+            f"{place or 'a file'} is larger than its disk or a limit (ulimit -f) allows.",
+            f"Raise the limit, or choose {PLACE}.",
         )
     if error.errno in FAILED or (place and error.errno in UNREACHABLE):
         return OutputError(

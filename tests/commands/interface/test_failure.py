@@ -41,6 +41,14 @@ def test_a_path_that_is_too_long_is_no_bug(capsys):
     )
 
 
+def test_a_file_that_is_too_large_for_its_disk_is_no_bug(capsys):
+    assert report(OSError(errno.EFBIG, "File too large", "a.pt"), Console(), debug=False) == 2
+    assert capsys.readouterr().err == (
+        "error: a.pt is larger than its disk or a limit (ulimit -f) allows.\n"
+        "Raise the limit, or choose another place with out=DIR.\n"
+    )
+
+
 def test_an_unexpected_error_is_one_sentence_and_a_file(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert report(ZeroDivisionError("by zero\nmore"), Console(), debug=False) == 1
