@@ -149,7 +149,7 @@ def test_a_killed_process_ends_the_others_and_the_checkpoint_goes_on(tmp_path, r
     assert "Traceback" not in said
     assert not training.workers()
     steps = last_step(training.folder)
-    finished(command("resume", str(training.folder), f"steps={steps + 5}", "processes=1"))
+    assert main(["resume", str(training.folder), f"steps={steps + 5}", "processes=1"]) == 0
 
 
 @pytest.mark.parametrize(
