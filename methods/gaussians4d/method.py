@@ -12,7 +12,6 @@ of Gaussians and optimizer state continue through the change of phase; opacities
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import torch
@@ -73,8 +72,7 @@ class DeformationMethod(MovingMethod):
             canonical,
             field,
             config.optim.field_rates(config.coarse_steps),
-            # Canonical rows have no time of their own, even if points have one.
-            self.still_rows(replace(scene, point_times=None), canonical.num_rows, initial),
+            self.still_rows(canonical.num_rows),
             sum_of_scales=config.scale_change == "sum",
         )
 

@@ -68,16 +68,20 @@ class MovingMethod(Method):
         """L1 and SSIM, weighted by ssim_weight."""
         return self.canonical.losses(context)
 
-    def still_rows(self, scene: Scene, count: int, initial: Splats | None) -> StillRows | None:
-        """Mask of the initially static rows: all rows at first; ``None`` if no row can be static.
+    def still_rows(self, count: int, *, all_still: bool = True) -> StillRows | None:
+        """Mask of the initially static rows; ``None`` if no row can be static (static=none).
 
-        Points with a capture time start as temporary rows, if rows of the model have a time of
-        their own.
+        Args:
+            count: number of rows.
+            all_still: true if all rows start static, false if all start moving.
         """
         if self._settling is None or self._settling.static == "none":
             return None
-        timed = initial is None and self._point_times(scene) is not None
-        return StillRows(count, all_still=not timed)
+        return StillRows(count, all_still=all_still)
+
+    def starts_timed(self, scene: Scene, initial: Splats | None) -> bool:
+        """True if the initial points have capture times: temporary rows start moving there."""
+        return initial is None and self._point_times(scene) is not None
 
     def start_times(
         self, scene: Scene, count: int, generator: torch.Generator

@@ -64,7 +64,9 @@ class SlicedGaussiansMethod(MovingMethod):
             regularization=Regularization(
                 config.entropy_reg, config.velocity_reg, config.neighbors_every
             ),
-            still=self.still_rows(scene, canonical.num_rows, initial),
+            still=self.still_rows(
+                canonical.num_rows, all_still=not self.starts_timed(scene, initial)
+            ),
         )
 
     def prepare(

@@ -74,7 +74,7 @@ class SpacetimeMethod(MovingMethod):
             min_duration=min_duration(scene),
             lifetime_reg=config.lifetime_reg,
             decoder=FeatureDecoder(generator) if features else None,
-            still=self.still_rows(scene, count, initial),
+            still=self.still_rows(count, all_still=not self.starts_timed(scene, initial)),
         )
         return self._model
 

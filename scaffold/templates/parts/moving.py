@@ -109,7 +109,7 @@ class MyPart(MovingMethod):
     ) -> MyPartGaussians:
         """Gaussians at rest, from a file's splats, from the scene's points, or at random."""
         canonical = self.canonical.build_model(scene, operators, generator, initial)
-        still = self.still_rows(scene, canonical.num_rows, initial)
+        still = self.still_rows(canonical.num_rows)
         return MyPartGaussians(canonical, still, self.config, scene.extent)
 
 
