@@ -101,7 +101,7 @@ def test_what_does_not_fit_is_refused_with_the_remedy():
         render(splats, [camera, camera.resized(7, 5)])
     with pytest.raises(ConfigError, match="expected at least one camera"):
         render(splats, [])
-    with pytest.raises(ConfigError, match="splats are those of one time"):
+    with pytest.raises(ConfigError, match="splats belong to one time already"):
         render(splats, camera, time=0.5)
     with pytest.raises(ValueError, match=r"splats.opacities: expected values in \[0, 1\]; 2 of 2"):
         render(replace(splats, opacities=torch.full((2,), 1.5)), camera)
