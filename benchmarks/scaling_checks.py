@@ -91,7 +91,7 @@ def computing_checks(costs: Costs) -> Iterator[Check]:
     for scene in (case(60_000, 480, 315), case(40_000, 640, 420).hiding(60_000)):
         seen = scene.view
         name = (
-            f"step of one process: {scene.rows} Gaussians, {seen.seen} seen, "
+            f"step of one process: {scene.rows} Gaussians, {seen.seen} in view, "
             f"{seen.width} x {seen.height}"
         )
         expected = formulas.one_process_seconds(still, alone, seen, scene.rows)
@@ -131,7 +131,7 @@ def training_checks(costs: Costs, runs: tuple[Trained, Trained, Trained]) -> Ite
     found = two.document["bytes_sent"] / STEPS
     yield Check("data parallel: bytes of a step and process, 2 views", sent, found, "bytes")
     exchanged = formulas.exchange_seconds(costs, Machine(1, 8000, float("inf")), sent, 5, 2)
-    name = "data parallel: step of two processes (that of one, and the exchange)"
+    name = "data parallel: step of two processes (step of one, plus the exchange)"
     yield Check(name, median(one.steps) + exchanged, median(two.steps), "s (wall)")
 
 
