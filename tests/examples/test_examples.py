@@ -94,7 +94,7 @@ def test_the_table_lists_every_example_and_each_tells_its_command_and_figures():
         assert f"[{folder.name}]({folder.name}/README.md)" in table
         assert "pip install" in text
         assert "gsfw train" in text
-        assert "\n## Measured\n" in text or "\n## Tried\n" in text
+        assert "\n## Results\n" in text
         assert "RESULT" not in text
     assert "RESULT" not in table
 
