@@ -81,7 +81,7 @@ class Figure:
     seeds: int
     is_best: bool = False
     is_tie: bool = False
-    """True if its mean differs from the best by no more than both spreads."""
+    """True if its mean differs from the best by no more than the sum of their spreads."""
 
 
 @dataclass(frozen=True)

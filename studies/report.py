@@ -27,7 +27,7 @@ TIE = " ≈"
 LEGEND = "The best is bold."
 LEGEND_SEEDS = (
     "± is the standard deviation over seeds; ≈ is a tie with the best: the two differ by no more "
-    "than both spreads (a row with one seed is given the largest spread of the scene)."
+    "than the sum of their spreads (a row with one seed has the largest spread of the scene)."
 )
 
 

@@ -56,7 +56,8 @@ Two of them.
 - command: `gsfw study small.yaml`
 
 The best is bold. ± is the standard deviation over seeds; ≈ is a tie with the best: the two \
-differ by no more than both spreads (a row with one seed is given the largest spread of the scene).
+differ by no more than the sum of their spreads (a row with one seed has the largest spread of the \
+scene).
 
 ## balls
 
