@@ -113,8 +113,8 @@ TILTED = (
     "a rounding of the rotation tilts a Gaussian whose axes differ by this much: its slices and "
     "velocities, which are ratios of the axes, change by that many roundings"
 )
-FAST = "mixed with time, splats move by their velocity times up to 10 sequences"
-WILD = "a network of large weights multiplies what its inputs are rounded by"
+FAST = "splats move by their velocity times up to 10 durations of the sequence"
+WILD = "a network with large weights multiplies the rounding of its inputs"
 
 MOVING_CASES: tuple[MovingCase, ...] = (
     MovingCase("time/outside", times=OUTSIDE),

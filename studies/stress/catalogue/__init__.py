@@ -1,4 +1,4 @@
-"""Catalogue: every case by name: section, extreme property and way of rendering."""
+"""Catalogue: all cases by name: section, extreme property and variant of rendering."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ CHANGES: Mapping[str, Change] = MappingProxyType(
         for name, change in changes.items()
     }
 )
-"""Changes that make ordinary splats extreme, by the names of the cases without variants."""
+"""Changes that make ordinary splats extreme, by the names of cases without the variant."""
 
 
 def chosen(names: Sequence[str], patterns: Sequence[str]) -> list[str]:

@@ -1,7 +1,7 @@
 """Limits: very many layers, images beyond memory, fewer bits, and the worst cases of a search.
 
-The search is tests/studies/stress/test_search.py: hypothesis chooses a ``Place`` and drives the
-error of backend ``cpu`` up.
+The search is tests/studies/stress/test_search.py: hypothesis chooses a ``Place`` that maximises the
+error of backend ``cpu``.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def _at_the_stop(*opacities: float) -> Drawing:
     return Drawing(splats, front_camera(9, 7), CUT_OFF)
 
 
-SUM = "a product of thousands of factors gathers a rounding of each, and so does plain float32"
+SUM = "a product of thousands of factors accumulates the rounding of each, as in plain float32"
 
-# (1 - 0.99) squared is the stop itself: after one layer of 0.99 another one shows or not.
+# (1 - 0.99) squared equals the stop: rounding decides whether a second layer of 0.99 is drawn.
 LAYERS = (
     StressCase("layers/100000-of-1-in-254", lambda: _piled(MANY, 1 / 254), conditioning=SUM),
     StressCase("layers/100000-of-0.99", lambda: _piled(MANY, 0.99), at_a_cut_off=1),
@@ -143,7 +143,7 @@ REDUCED: dict[str, tuple[Callable[[], Drawing], float]] = {
     "quats-in-8-bits": (partial(_field, "quats", partial(_quantised, 8)), 2**-5),
     "opacities-in-8-bits": (partial(_field, "opacities", partial(_quantised, 8)), 2**-7),
 }
-"""Rounded inputs, and the largest distance of the image from that of the exact numbers."""
+"""Rounded inputs, and the largest error of the image against that of the exact numbers."""
 
 PRECISION = tuple(
     StressCase(f"precision/{name}", make, truth=lambda: _exact().double(), bound=bound)
@@ -202,16 +202,16 @@ def on_a_cut_off(place: Place) -> int:
 
 FOUND_SETTINGS = RenderSettings(near=1e-9)
 
-# A search over 3,174 random places, driven further by hypothesis, found errors beyond those of
+# A search over 3,174 random places, continued by hypothesis, found errors beyond those of
 # float32 of these two kinds only. In both any rounding decides whether a splat is drawn.
 PLACES = {
-    # Two layers at the clamp of 0.99 leave (1 - 0.99) squared, which is the stop: after one layer
-    # the next one shows or not, and backends of float64 differ in it too.
+    # Two layers at the clamp of 0.99 leave (1 - 0.99) squared, which equals the stop: rounding
+    # decides whether the second layer is drawn, and backends differ, also in float64.
     "found/clamped-layers": Place(3945.3, 2.3e6, 3.8938, 1.0, 2.076, 4734.5, 8.4e7),
     "found/clamped-layers-near": Place(
         0.00014333, 75086.0, 0.00092704, 0.991, -0.2353, 30678.0, 1e6
     ),
-    # Opacities of exactly 1 / 255 show where their centre meets a pixel's, or nowhere.
+    # An opacity of exactly 1 / 255 is drawn only at a pixel in the centre of its splat, or nowhere.
     "found/opacity-of-the-cut-off": Place(
         13.7946, 14.062, 0.45043, 1 / 255, -1.7706, 2888.4, 5.7e-8
     ),

@@ -36,7 +36,7 @@ def _with(splats: Splats, name: str, values: Tensor) -> Splats:
 
 
 def _forced(record: Record, name: str, value: object) -> Record:
-    """A copy with a field that type checks at run time would refuse."""
+    """A copy with a field that type checks at run time refuse in the constructor."""
     copied = copy(record)
     object.__setattr__(copied, name, value)
     return copied
@@ -98,7 +98,7 @@ def _no_camera() -> Drawing:
 
 
 def _not_contiguous() -> Drawing:
-    """Tensors whose rows lie side by side, like transposed ones: rendered, not refused."""
+    """Tensors that are not contiguous, as transposed ones: rendered, not refused."""
     transposed = ordinary().map(lambda t: t.transpose(0, -1).contiguous().transpose(0, -1))
     return Drawing(transposed, front_camera(*SIZE), RenderSettings())
 

@@ -64,13 +64,10 @@ SHAPE_CHANGES: dict[str, Change] = {
 }
 
 FLAT = (
-    "a splat much larger than the image is the same all over it: what is left of the gradients "
-    "by rotation and scale is a rest of cancellations"
+    "a splat much larger than the image is constant on it: the gradients by rotation and scale "
+    "are differences of much larger, nearly equal numbers"
 )
-ENTRIES = (
-    "the entries of a covariance hold its small axis only as a difference of numbers 1e6 times "
-    "as large"
-)
+ENTRIES = "the small axis of a covariance is a difference of entries that are 1e6 times as large"
 
 SHAPE_REASONS = {
     "shape/scales-1e3": FLAT,
@@ -83,7 +80,7 @@ SHAPE_REASONS = {
 
 
 def one_needle(settings: RenderSettings) -> Drawing:
-    """Aspect 1e6 at 45 degrees: with the published determinant a c - b^2 it is off by 0.4."""
+    """Aspect 1e6 at 45 degrees: the published determinant a c - b^2 has an error of 0.4 here."""
     half = math.pi / 8
     splats = Splats(
         means=torch.zeros(1, 3),
@@ -112,7 +109,7 @@ SHAPE = (
 
 
 def with_quats(*quat: float) -> Change:
-    """Turn all splats by one quaternion."""
+    """Set the rotation of all splats to one quaternion."""
     return lambda splats: replace(
         splats, quats=splats.means.new_tensor([quat]).repeat(len(splats), 1)
     )
@@ -193,7 +190,7 @@ def _at_the_clamp() -> Drawing:
     opacities = torch.tensor([0.985, 0.9895, 0.9899, 0.9901, 0.9905, 0.995, 0.999, 1.0])
     pixels = camera.intrinsics[0, 0, 0] / 4.0
     means = torch.zeros(8, 3)
-    # In the centres of pixels, where alpha is opacity itself.
+    # In the centres of pixels, where alpha equals the opacity.
     means[:, 0] = (8.0 * torch.arange(8.0) + 4.5 - 32.0) / pixels
     means[:, 1] = 0.5 / pixels
     scales = torch.tensor([[0.08, 0.06, 0.04]]).repeat(8, 1)
@@ -260,7 +257,7 @@ def _degree(degree: int) -> Drawing:
 
 
 def _ragged() -> Drawing:
-    """Splats with different numbers of coefficients, some without any above the constant one."""
+    """Splats with different numbers of coefficients, some with the constant one only."""
     splats = random_splats(20, 3)
     assert isinstance(splats.colors, Sh)
     colors = splats.colors.of_degrees(torch.arange(20) % 4)

@@ -31,12 +31,12 @@ EXPECTED = replace(EVERYTHING, depth=Depth.EXPECTED)
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to render."""
+    """Camera model and settings of a variant."""
 
     model: CameraModel
     settings: RenderSettings
     about: frozenset[Feature] = frozenset()
-    """Features without which this is no other variant."""
+    """Features without which this variant does not differ from the others."""
 
 
 VARIANTS: Mapping[str, Variant] = {
@@ -47,7 +47,7 @@ VARIANTS: Mapping[str, Variant] = {
     "fisheye": Variant(CameraModel.FISHEYE, EVERYTHING),
     "fisheye-no-cut-offs": Variant(CameraModel.FISHEYE, SMOOTH),
 }
-"""Variants by the last word of a case's name; the plain one has no word."""
+"""Variants by the last part of a case's name; the plain one has none."""
 
 
 def ordinary() -> Splats:

@@ -49,7 +49,9 @@ DEPTH_CHANGES: dict[str, Change] = {
     ),
 }
 
-TINY_DEPTH = "gradients by position go with 1 / depth squared, here up to 1e12, and hide all others"
+TINY_DEPTH = (
+    "gradients by position grow with 1 / depth squared, up to 1e12, and dominate all others"
+)
 
 DEPTH_REASONS = {
     "depth/to-1e9": TINY_DEPTH,
@@ -59,7 +61,7 @@ DEPTH_REASONS = {
 
 
 def _at_the_near_plane(settings: RenderSettings) -> Drawing:
-    """A camera at the origin, so that depths are exact; splats small enough to be seen apart."""
+    """A camera at the origin, so that depths are exact; splats small enough not to overlap."""
     depths = torch.tensor([-0.5, 0.005, 0.0099, 0.00999, 0.01001, 0.0101, 0.02, 1.0])
     side = torch.linspace(-0.35, 0.35, 8)
     splats = random_splats(8)
@@ -127,7 +129,7 @@ POSITION_CHANGES: dict[str, Change] = {
     "position/scene-of-1e30": lambda splats: replace(splats, means=1e30 * splats.means),
 }
 
-ORDER = "seen from afar, depths differ by less than float32 resolves, and the order is that of rows"
+ORDER = "from far away, depths differ by less than float32 resolves: the order of rows decides"
 
 POSITION_REASONS = {
     "position/scene-of-1e-6": ORDER,
@@ -160,7 +162,7 @@ def _single(drawing: Drawing) -> Drawing:
 
 
 def _in_the_scene_frame() -> Drawing:
-    """The same through the scene frame, which is kept in float32."""
+    """The same in the scene frame, in float32."""
     world = _in_the_world()
     frame = Similarity(0.2, translation=-0.2 * torch.tensor(ORIGIN).double())
     pose = frame.camera(world.cameras.world_to_camera)
@@ -176,7 +178,7 @@ POSITION = (
     StressCase(
         "position/georeferenced/without-a-frame",
         lambda: _single(_in_the_world()),
-        conditioning="float32 resolves half a metre at 5,000,000 m, as much as the scene's details",
+        conditioning="float32 resolves half a metre at 5,000,000 m, the size of the details",
     ),
 )
 """All cases of this section."""
@@ -212,8 +214,8 @@ SPLATS: dict[str, Change] = {
     "-around-the-camera": moved(-1.0, 0.0, 1e-9, 1e-6, 1e-3, 0.009999, 0.01, 0.02),
 }
 
-NEAR = "splats almost at the camera are magnified until they are flat, as very large ones are"
-LONG = "whether depth squared still fits beside this focal length decides what shows"
+NEAR = "splats next to the camera are magnified until they are constant, as very large splats are"
+LONG = "with this focal length, overflows of float32 decide which splats are drawn"
 
 CAMERA_REASONS = {
     **{f"{name}-scales-1e6": FLAT for name in CAMERAS},
@@ -242,7 +244,7 @@ IMAGE_CHANGES: dict[str, Change] = {
 }
 
 SIZES = ((1, 1), (1, 4096), (4096, 1), (17, 31), (8, 8), (9, 7), (16, 16), (64, 48))
-FAR_PIXELS = "thousands of pixels from the corner float32 places a splat to a ten-thousandth of one"
+FAR_PIXELS = "at thousands of pixels, float32 resolves a position to a ten-thousandth of a pixel"
 COUNTS = {"": 20, "/one-splat": 1, "/no-splat": 0}
 
 
