@@ -1,4 +1,4 @@
-"""Promises of callbacks: they see every event, and change nothing."""
+"""Promises of callbacks: they accept every event, and change nothing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsfw.testing.trial import Trial, difference, trial
 
 STEPS = 12
 EVENTS = {"eval_every": 5, "checkpoint_every": 5, "log_every": 1, "steps": STEPS}
-"""Settings under which each event comes several times."""
+"""Settings with which each event occurs several times."""
 STOP_AT = 4
 
 
@@ -108,7 +108,7 @@ def _changes_no_bits(subject: Subject) -> None:
     require(
         not found,
         f"with the callback, {found}.",
-        "Change no tensor of a report in place, and draw no number from the global generator.",
+        "Change no tensor of a report in place, and draw no numbers from the global generator.",
     )
 
 
@@ -144,20 +144,25 @@ def _a_stop_works(subject: Subject) -> None:
 def advice_after_a_stop(raised: list[BaseException]) -> str:
     """The remedy for a run that did not stop as asked, by what the callback raised."""
     if not raised:
-        return "Call control.request_stop only where the run is to end."
+        return "Call control.request_stop only to end the run."
     if isinstance(raised[0], KeyError):
-        return "on_end also comes after a stopped run: use summary.get for figures it may lack."
-    return "Correct what raises this: on_end and close also come after a stopped run."
+        return "on_end is also called after a stopped run: use summary.get for missing figures."
+    return "Correct the cause of this error: on_end and close are also called after a stopped run."
 
 
 PROMISES = (
-    Promise("takes-all-events", "It takes every event of a run.", _takes_all_events, trains=True),
-    Promise("changes-no-bits", "A run has the same bits with it.", _changes_no_bits, trains=True),
+    Promise("takes-all-events", "It accepts all events of a run.", _takes_all_events, trains=True),
+    Promise(
+        "changes-no-bits",
+        "A run has the same bits with and without it.",
+        _changes_no_bits,
+        trains=True,
+    ),
     Promise(
         "leaves-the-global-generator",
-        "It draws nothing from torch's global generator.",
+        "It draws no numbers from torch's global generator.",
         _leaves_the_global_generator,
         trains=True,
     ),
-    Promise("a-stop-works", "A run that is stopped ends well.", _a_stop_works, trains=True),
+    Promise("a-stop-works", "A stopped run ends without errors.", _a_stop_works, trains=True),
 )

@@ -48,7 +48,7 @@ PROMISES = (
     Promise("shows-help", "--help explains the verb.", _help_is_shown),
     Promise(
         "mistakes-are-messages",
-        "An unknown setting is refused with a ConfigError, and no traceback.",
+        "An unknown setting is refused with a ConfigError, without a traceback.",
         _mistakes_are_messages,
     ),
 )

@@ -1,4 +1,4 @@
-"""Promises of data managers: the same images every time, sound cameras, errors in words."""
+"""Promises of data managers: the same images every time, valid cameras, clear errors."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MOST_FILES = 12
 ORTHONORMAL = 1e-4
 """Largest entry of R R^T - 1 of a pose."""
 FOLDER_SIZE = 200_000_000
-"""Bytes of a data set above which it is not copied to be damaged."""
+"""Bytes of a data set above which no damaged copy is made."""
 
 
 def _opened(subject: Subject, path: Path | None = None, **changes: object) -> DataManager:
@@ -79,7 +79,7 @@ def _recognises(subject: Subject) -> None:
         require(
             not found.recognised,
             f"detect recognises {path.name}, which has none of its files.",
-            "Look for files that only this format has.",
+            "Test for files that only this format has.",
         )
     if subject.data is not None:
         found = kind.detect(subject.data)
@@ -111,7 +111,9 @@ def _views_are_sound(subject: Subject) -> None:
     for split in Split:
         views = data.views(split)
         unique = len(set(views.names)) == len(views.names) == len(views.cameras)
-        require(unique, f"names of {split.value} views repeat.", "Give every view its own name.")
+        require(
+            unique, f"names of {split.value} views repeat.", "Give every view a name of its own."
+        )
         for name, camera in zip(views.names, views.cameras, strict=True):
             _check_pose(name, camera.world_to_camera[0])
             focal = camera.intrinsics[0].diagonal()[:2]
@@ -130,7 +132,7 @@ def _check_pose(name: str, pose: Tensor) -> None:
     off = (rotation @ rotation.T - torch.eye(3, dtype=torch.float64)).abs().max().item()
     require(
         off <= ORTHONORMAL and torch.det(rotation).item() > 0,
-        f"{name}: its rotation is off by {off:.2g} (determinant {torch.det(rotation):.3f}).",
+        f"{name}: the error of its rotation is {off:.2g} (determinant {torch.det(rotation):.3f}).",
         "world_to_camera is rigid, without scale or reflection, with OpenCV axes.",
     )
 
@@ -198,7 +200,7 @@ def _splits_are_disjoint(subject: Subject) -> None:
     train, held_out = (set(data.views(split).names) for split in Split)
     require(
         not train & held_out,
-        f"{sorted(train & held_out)[:3]} are trained on and held out.",
+        f"{sorted(train & held_out)[:3]} are training views and held out.",
         "Choose the views of a split by request.eval_every_nth, eval_by and eval_names.",
     )
     every = _opened(subject, eval_every_nth=0).views(Split.TRAIN)
@@ -240,7 +242,7 @@ def _ends_in_words(act: Callable[[], object], what: str) -> None:
         return
     except Exception as error:
         raise BrokenPromise(
-            f"{what} ends in {type(error).__name__}: {error}.",
+            f"{what} raises {type(error).__name__}: {error}.",
             "Raise DataError with the cause, the place and the remedy.",
         ) from error
     raise BrokenPromise(f"{what} is accepted.", "Raise DataError: there is nothing to train on.")
@@ -252,7 +254,7 @@ def _damaged_files_are_named(subject: Subject) -> None:
     source = subject.data if subject.data.is_dir() else subject.data.parent
     files = sorted(path for path in source.rglob("*") if path.is_file() and path.stat().st_size)
     if sum(path.stat().st_size for path in files) > FOLDER_SIZE:
-        raise NotApplicable("the data set is too large to be copied and damaged")
+        raise NotApplicable("the data set is too large for damaged copies")
     copy = subject.workspace / "damaged"
     for path in files[:: max(len(files) // MOST_FILES, 1)]:
         shutil.rmtree(copy, ignore_errors=True)
@@ -268,19 +270,21 @@ def _damaged_files_are_named(subject: Subject) -> None:
             named = victim.stem in str(error) or victim.name in str(error)
             require(
                 named,
-                f"half of {victim.name} ends in a message that does not name it: {error}",
+                f"half of {victim.name} gives a message that does not name it: {error}",
                 "Name the file in the message.",
             )
         except Exception as error:
-            happened = f"half of {victim.name} ends in {type(error).__name__}: {error}."
+            happened = f"half of {victim.name} raises {type(error).__name__}: {error}."
             advice = "Raise DataError with the cause, the file and the remedy."
             raise BrokenPromise(happened, advice) from error
     shutil.rmtree(copy, ignore_errors=True)
 
 
 PROMISES = (
-    Promise("recognises-its-format", "detect is true for its own files alone.", _recognises),
-    Promise("loads-the-same", "The same images come every time, in one order.", _loads_the_same),
+    Promise("recognises-its-format", "detect is true only for its own files.", _recognises),
+    Promise(
+        "loads-the-same", "It loads the same images every time, in one order.", _loads_the_same
+    ),
     Promise(
         "views-are-sound",
         "Names are unique, poses rigid, focal lengths positive, times in [0, 1].",
@@ -288,18 +292,18 @@ PROMISES = (
     ),
     Promise(
         "batches-fit-their-views",
-        "Images, cameras and maps of a batch are those that views() announces.",
+        "Images, cameras and maps of a batch agree with views().",
         _batches_fit_their_views,
     ),
     Promise("downscale-halves", "downscale=2 halves images and intrinsics.", _downscale_halves),
+    Promise("splits-are-disjoint", "No view is in both splits.", _splits_are_disjoint),
+    Promise("masks-fit-their-images", "Masks have the size of their images.", _masks_are_applied),
     Promise(
-        "splits-are-disjoint", "No view is both trained on and held out.", _splits_are_disjoint
+        "missing-data-is-named", "Missing data is refused with a message.", _missing_data_is_named
     ),
-    Promise("masks-fit-their-images", "Masks are of the size of their images.", _masks_are_applied),
-    Promise("missing-data-is-named", "Missing data ends in a message.", _missing_data_is_named),
     Promise(
         "damaged-files-are-named",
-        "A file that is cut short ends in a DataError that names it, or does no harm.",
+        "A truncated file is refused with a DataError that names it, or does no harm.",
         _damaged_files_are_named,
     ),
 )

@@ -112,7 +112,7 @@ def _settings_round_trip(subject: Subject) -> None:
                 found = error
             require(
                 found == key.value,
-                f"setting {key.name} is {key.value!r}, and {form} becomes {found!r}.",
+                f"setting {key.name} is {key.value!r}, and becomes {found!r} {form}.",
                 "Use bool, int, float, str, Path, Enum, Literal, or tuples of them as its type, "
                 "and a default of this type.",
             )
@@ -200,8 +200,8 @@ EVERYWHERE = (
     ),
     Promise(
         "states-its-api-range",
-        "The plugin states the versions of gsfw.api that it is made for. (A range that is not met "
-        "keeps it from being loaded.)",
+        "The plugin states its range of gsfw.api versions. (Outside of this range it is not "
+        "loaded.)",
         _states_its_api_range,
     ),
     Promise(
@@ -216,7 +216,7 @@ EVERYWHERE = (
     ),
     Promise(
         "bad-values-are-refused",
-        "A number that cannot work is refused with a ConfigError that names the setting.",
+        "An invalid number is refused with a ConfigError that names the setting.",
         _bad_values_are_refused,
     ),
 )

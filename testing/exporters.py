@@ -202,14 +202,16 @@ def _no_large_files() -> Iterator[None]:
 PROMISES = (
     Promise(
         "writes-what-it-holds",
-        "A file is written from a source that has only the content that holds names.",
+        "It writes a file from a source that has only the content named in holds.",
         _writes_what_it_holds,
     ),
-    Promise("round-trips", "A file that is read again shows the same image.", _round_trips),
-    Promise("writes-the-world", "Positions are those of the world of the data.", _writes_the_world),
+    Promise("round-trips", "A written file, read again, renders the same image.", _round_trips),
+    Promise(
+        "writes-the-world", "Positions are in the world coordinates of the data.", _writes_the_world
+    ),
     Promise(
         "full-disk-leaves-the-old-file",
-        "A write that fails half-way leaves the old file as it was, and nothing besides.",
+        "A failed write keeps the old file, and leaves no other file.",
         _a_full_disk_leaves_the_old_file,
     ),
     Promise(

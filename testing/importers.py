@@ -114,15 +114,15 @@ def _recognises_never_raises(subject: Subject) -> None:
 
 
 PROMISES = (
-    Promise("reads-splats", "A sound file gives finite, activated splats.", _reads_splats),
+    Promise("reads-splats", "A valid file gives finite, activated splats.", _reads_splats),
     Promise(
         "damaged-files-are-refused",
-        "A file that is cut short is refused with a DataError, or read as far as it goes.",
+        "A truncated file is refused with a DataError, or read up to its end.",
         _damaged_files_are_refused,
     ),
     Promise(
         "changed-bytes-end-in-words",
-        "A file with a wrong byte gives splats or a DataError, and never another error.",
+        "A file with a wrong byte gives splats or a DataError, and no other error.",
         _changed_bytes_end_in_words,
     ),
     Promise(

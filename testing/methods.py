@@ -38,7 +38,7 @@ from gsfw.testing.trial import (
 SHORT = 12
 """Length of the other runs."""
 EPOCH = 6
-"""Steps in which every view has had its turn."""
+"""Steps in which every view is drawn once."""
 EDITED = 120
 """Length of the runs with strategies, in which these edit rows."""
 STRATEGIES = ("adc", "error", "mcmc", "none")
@@ -56,8 +56,8 @@ def _learns(subject: Subject) -> None:
         min(turns[1:]) < turns[0],
         f"the mean loss is {turns[0]:.4f} over the first {EPOCH} steps, and never below "
         f"{min(turns[1:]):.4f} later.",
-        "Check that losses() hangs on the graph of context.rendered, and the learning rates of "
-        "the columns.",
+        "Check that losses() is computed from context.rendered, and the learning rates of the "
+        "columns.",
     )
 
 
@@ -68,8 +68,8 @@ def _resumes(subject: Subject) -> None:
         run,
         HALF,
         STEPS,
-        "Keep all that changes while training in the columns, parameter groups, buffers or "
-        "state_dict of the method; draw random numbers from the given generator alone.",
+        "Keep all state that changes during training in the columns, parameter groups, buffers or "
+        "state_dict of the method; draw random numbers only from the given generator.",
     )
 
 
@@ -81,10 +81,10 @@ def _is_evaluated_as_restored(subject: Subject) -> None:
         found = difference(before, flat(splats_of(model, time)))
         require(
             not found,
-            f"of the model of step {HALF}, restored, {found} from what evaluations of the run saw "
-            f"(time {time}).",
-            "Add noise and dropout in splats() only while self.training is true: it is in steps "
-            "alone.",
+            f"after the model of step {HALF} was restored, {found} from the splats of evaluations "
+            f"in the run (time {time}).",
+            "Add noise and dropout in splats() only while self.training is true, that is in "
+            "training steps.",
         )
 
 
@@ -142,7 +142,7 @@ def _times_are_honoured(subject: Subject) -> None:
     if not parts.data.scene.is_dynamic:
         still = [flat(splats_of(parts.model, time)) for time in (None, *TIMES)]
         found = next(filter(None, (difference(still[0], other) for other in still[1:])), "")
-        require(not found, f"of a still scene, {found} at another time.", "Ignore the time.")
+        require(not found, f"in a static scene, {found} at another time.", "Ignore the time.")
         return
     moved = [flat(splats_of(parts.model, time)) for time in TIMES]
     require(
@@ -153,7 +153,7 @@ def _times_are_honoured(subject: Subject) -> None:
     again = difference(moved[0], flat(splats_of(parts.model, TIMES[0])))
     require(
         not again,
-        f"asked again for time 0 after other times, {again}.",
+        f"at time 0 again, after other times, {again}.",
         "splats(time) must not depend on earlier calls: keep no state of a batch in the model.",
     )
     first = difference(moved[0], flat(splats_of(parts.model, None)))
@@ -193,8 +193,8 @@ def _model_file_renders_the_same(subject: Subject) -> None:
         found = difference(flat(splats_of(model, time)), flat(splats_of(again, time)))
         require(
             not found,
-            f"of the model that was read from its file, {found} (time {time}).",
-            "splats() must depend on the state_dict of the model alone, and build_model must give "
+            f"after the model was read from its file, {found} (time {time}).",
+            "splats() must depend only on the state_dict of the model, and build_model must give "
             "the same structure for any points.",
         )
 
@@ -205,7 +205,9 @@ def _export_renders_the_same(subject: Subject) -> None:
     decodes = type(parts.model).decode is not PrimitiveModel.decode
     before = with_sh(splats_of(parts.model, 0.0))
     if decodes or not isinstance(before.colors, Sh):
-        raise NotApplicable("its colours are made after rendering, which no splat file holds")
+        raise NotApplicable(
+            "its colours are computed after rendering, which no splat file can store"
+        )
     taken = snapshot(parts.model, parts.data.scene, False, torch.tensor(0.0))
     path = subject.workspace / "splats.ply"
     PlyExporter().write(path, taken)
@@ -257,26 +259,25 @@ PROMISES = (
     Promise("learns", "Its loss falls in a few steps.", _learns, trains=True),
     Promise(
         "resumes-to-the-same-bits",
-        "A run that is resumed ends with the same bits as one in one go.",
+        "A resumed run ends with the same bits as an uninterrupted one.",
         _resumes,
         trains=True,
     ),
     Promise(
         "uses-the-given-generator",
-        "Random numbers come from the generators that it is given alone.",
+        "Random numbers come only from the given generators.",
         _uses_the_given_generator,
         trains=True,
     ),
     Promise(
         "is-evaluated-as-restored",
-        "Evaluations in a run see the splats that its checkpoint gives later, without the noise of "
-        "training.",
+        "Evaluations of a run see the splats of its restored checkpoint, without training noise.",
         _is_evaluated_as_restored,
         trains=True,
     ),
     Promise(
         "times-are-honoured",
-        "Splats depend on the time if the method is a moving one, and on nothing else.",
+        "Splats depend on the time in moving scenes only, and never on earlier calls.",
         _times_are_honoured,
         trains=True,
     ),
@@ -290,8 +291,8 @@ PROMISES = (
     *(
         Promise(
             f"runs-with-{strategy}",
-            f"Strategy {strategy} trains it, with sound rows after each step, or is refused with a "
-            "sentence.",
+            f"It trains with strategy {strategy}, with valid rows after each step, or is refused "
+            "with a message.",
             partial(_runs_with, strategy),
             trains=True,
         )
@@ -299,11 +300,11 @@ PROMISES = (
     ),
     Promise(
         "runs-at-lower-resolution",
-        "resolution_schedule=auto trains it, or is refused with a sentence.",
+        "It trains with resolution_schedule=auto, or is refused with a message.",
         _resolution_schedule,
         trains=True,
     ),
-    Promise("one-gaussian", "It trains one Gaussian.", _one_gaussian, trains=True),
+    Promise("one-gaussian", "It trains from one Gaussian.", _one_gaussian, trains=True),
     Promise(
         "model-file-renders-the-same",
         "Its model renders the same from a model file, without the data set.",
@@ -312,7 +313,7 @@ PROMISES = (
     ),
     Promise(
         "export-renders-the-same",
-        "A splat file of it shows the same image.",
+        "An exported splat file renders the same image.",
         _export_renders_the_same,
         trains=True,
     ),

@@ -107,7 +107,7 @@ PROMISES = (
     ),
     Promise(
         "changes-no-image",
-        "The images that a metric gets are the same afterwards.",
+        "It does not change its images.",
         _images_stay_as_they_are,
     ),
 )

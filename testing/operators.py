@@ -53,6 +53,6 @@ def _adam_agrees(subject: Subject) -> None:
 
 
 PROMISES = (
-    Promise("losses-agree", "L1 and DSSIM are those of plain torch.", _losses_agree),
-    Promise("adam-agrees", "Steps of Adam are those of plain torch.", _adam_agrees),
+    Promise("losses-agree", "L1 and DSSIM agree with torch.", _losses_agree),
+    Promise("adam-agrees", "Steps of Adam agree with torch.", _adam_agrees),
 )

@@ -146,7 +146,7 @@ def _check_against_reference(entrant: Entrant, drawing: Drawing, what: str) -> N
         off = (image.cpu().double() - truth).abs().max().item() if truth.numel() else 0.0
         require(
             off <= 1e-2,
-            f"{what}: {name} is off by {off:.2g}.",
+            f"{what}: the error of {name} is {off:.2g}.",
             "Compare with rasterizers/reference, pixel by pixel.",
         )
 
@@ -193,8 +193,8 @@ def _determinism(subject: Subject) -> None:
         torch.set_num_threads(before)
     require(
         all(same_bits(drawn[0], other) for other in drawn[1:]),
-        "a second render has other bits.",
-        "Add up in a fixed order, whatever the number of threads; or claim Determinism.NONE.",
+        "a second render has different bits.",
+        "Sum in a fixed order with any number of threads, or claim Determinism.NONE.",
     )
 
 
@@ -282,11 +282,13 @@ def _trains(subject: Subject) -> None:
 
 
 PROMISES = (
-    Promise("claims-agree", "Configuration and rasterizer claim the same abilities.", _claims),
-    Promise("empty-scene", "No splats, and one, render as in the reference.", _empty_scene),
-    Promise("image-sizes", "Images of any size are rendered as in the reference.", _image_sizes),
+    Promise("claims-agree", "Configuration and rasterizer claim the same capabilities.", _claims),
+    Promise("empty-scene", "Images of no splat and of one agree with the reference.", _empty_scene),
+    Promise("image-sizes", "Images of any size agree with the reference.", _image_sizes),
     Promise(
-        "several-cameras", "Several cameras of one call render as each one alone.", _several_cameras
+        "several-cameras",
+        "Several cameras in one call give the images of single calls.",
+        _several_cameras,
     ),
     Promise(
         "determinism-as-claimed",
@@ -301,8 +303,8 @@ PROMISES = (
     *(
         Promise(
             f"extremes-of-{section.value}",
-            f"A sample of the cases of gsfw stress on {section.value} passes, each without what "
-            "the backend does not claim.",
+            f"A sample of the cases of gsfw stress on {section.value} passes, without features "
+            "that the backend does not claim.",
             partial(_section, section),
         )
         for section in Section

@@ -1,4 +1,4 @@
-"""Promises of samplers: the seed decides, the state is complete, all views have their turn."""
+"""Promises of samplers: the seed decides, the state is complete, all views are drawn."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsfw.testing.subject import Subject
 from gsfw.testing.trial import tiny_data
 
 STEPS = 60
-"""Length of the run: ten turns of the six views."""
+"""Length of the run: ten passes over the six views."""
 
 
 def _views(subject: Subject) -> Views:
@@ -61,7 +61,7 @@ def _seed_decides(subject: Subject) -> None:
     require(
         first == second,
         f"with one seed, step {step} has the views {first[step]}, and then {second[step]}.",
-        "Draw with torch.Generator().manual_seed(...) of the given seed alone.",
+        "Draw only with torch.Generator().manual_seed(...) of the given seed.",
     )
 
 
@@ -73,8 +73,8 @@ def _state_is_complete(subject: Subject) -> None:
         expected, found = _drawn(whole, 20, done), _drawn(interrupted, 20, done)
         require(
             expected == found,
-            f"resumed after {done} steps, it goes on with {found[:3]} instead of {expected[:3]}.",
-            "Put everything that next() depends on into state_dict, and read it back.",
+            f"resumed after {done} steps, it continues with {found[:3]} instead of {expected[:3]}.",
+            "Return all state of next() in state_dict, and read it in load_state_dict.",
         )
 
 
@@ -99,8 +99,8 @@ def _all_views_are_seen(subject: Subject) -> None:
     missing = sorted(set(range(len(views))) - seen)
     require(
         not missing,
-        f"in {STEPS} steps the views {missing} of {len(views)} never have their turn.",
-        "Give every training view its turn; a run must not learn from a part of the data.",
+        f"in {STEPS} steps the views {missing} of {len(views)} are never drawn.",
+        "Draw every training view: a run has to learn from all of the data.",
     )
     foreign = sorted(seen - set(range(len(views))))
     require(not foreign, f"it asks for the views {foreign}.", f"Views are 0 to {len(views) - 1}.")
@@ -114,8 +114,8 @@ def _peek_changes_nothing(subject: Subject) -> None:
         require(
             expected == found,
             f"after peek, step {step} has the views {found[0]} instead of {expected[0]}.",
-            "peek looks ahead for prefetching: it must not advance, and draw from no generator "
-            "that next() uses.",
+            "peek looks ahead for prefetching: it must not advance, and must not draw from a "
+            "generator that next() uses.",
         )
 
 
@@ -123,10 +123,10 @@ PROMISES = (
     Promise("seed-decides", "The seed alone decides the order of the views.", _seed_decides),
     Promise(
         "state-is-complete",
-        "A sampler with the state of another one goes on with the same views.",
+        "A sampler with a restored state continues with the same views.",
         _state_is_complete,
     ),
-    Promise("all-views-are-seen", "Every training view has its turn.", _all_views_are_seen),
+    Promise("all-views-are-seen", "Every training view is drawn.", _all_views_are_seen),
     Promise(
         "peek-changes-nothing", "peek does not change what next() returns.", _peek_changes_nothing
     ),

@@ -81,7 +81,7 @@ class _Limited(Refiner):
 
 
 class _SometimesBroken(WrappedDataManager):
-    """Data whose images hold NaN from time to time, so that steps are not finite."""
+    """Data with NaN in the images of some calls, so that steps are not finite."""
 
     loads = 0
 
@@ -108,7 +108,7 @@ def watched(trainer: Trainer, watch: TableWatch) -> list[int]:
 
 
 def _run(subject: Subject, name: str, changes: Changes, method: str = "3dgs") -> Trial:
-    """A run with the strategy, whose schedule is shortened so that all of it comes to pass.
+    """A run with the strategy, with a shortened schedule, so that all of its phases occur.
 
     Rescaling by steps= would keep the lower bounds of intervals, and such a run would edit nothing.
     """
@@ -171,8 +171,8 @@ def _resumes(subject: Subject) -> None:
         run,
         HALF,
         STEPS,
-        "Return all that the refiner gathers in state_dict, and read it in load_state_dict; draw "
-        "random numbers from context.generator alone.",
+        "Return all state of the refiner in state_dict, and read it in load_state_dict; draw "
+        "random numbers only from context.generator.",
     )
 
 
@@ -188,12 +188,12 @@ ROOM = "Add at most context.limits.room(rows, wanted) rows."
 LIMITS: Mapping[str, tuple[GrowthLimits, str, str]] = {
     "respects-max-rows": (
         GrowthLimits(max_rows=MOST),
-        "A limit of rows, as of a budget, is never exceeded.",
+        "A limit of rows, such as a budget, is never exceeded.",
         ROOM,
     ),
     "respects-may-grow": (
         GrowthLimits(may_grow=False),
-        "No row is added once the limits forbid growth.",
+        "No row is added while the limits forbid growth.",
         ROOM,
     ),
     "respects-hold": (
@@ -211,7 +211,7 @@ METHODS: Mapping[str, Changes] = {
 """Built-in methods and the settings of their scene. 4d-rotor and spacetime render some rows only,
 those that are present at a time."""
 
-SENTENCE = "It trains method {}, with sound rows after each step, or is refused with a sentence."
+SENTENCE = "It trains method {}, with valid rows after each step, or is refused with a message."
 
 
 def _named(name: str, sentence: str, function: Callable[[Subject], None]) -> Promise:
@@ -225,12 +225,12 @@ PROMISES = (
     ),
     _named(
         "several-batches",
-        "Steps of several batches are trained, with sound rows after each step.",
+        "It trains with several batches per step, with valid rows after each step.",
         _several_batches,
     ),
     _named(
         "not-finite-steps",
-        "Steps that are not finite leave the rows sound and finite.",
+        "Rows stay valid and finite after steps that are not finite.",
         _steps_that_are_not_finite,
     ),
     *(
@@ -239,12 +239,12 @@ PROMISES = (
     ),
     _named(
         "resumes-to-the-same-bits",
-        "A run that is resumed ends with the same bits as one in one go.",
+        "A resumed run ends with the same bits as an uninterrupted one.",
         _resumes,
     ),
     _named(
         "uses-the-given-generator",
-        "Random numbers come from the generator of the run alone.",
+        "Random numbers come only from the generator of the run.",
         _leaves_the_global_generator,
     ),
 )

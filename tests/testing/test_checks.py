@@ -89,7 +89,9 @@ def test_a_refused_scene_is_told_once_with_the_cause_of_each():
     subject = find_subject("method", "needs-features", plugin=Plugin())
     names = ("settings-survive-config-yaml", "presets-resolve", "edits-keep-columns")
     found = {outcome.verdict: outcome for outcome in outcomes(subject, names)}
-    told = "it refuses the built-in scene. The still one: the data has no map. The moving one: meth"
+    told = (
+        "it refuses the built-in scene. The static one: the data has no map. The moving one: meth"
+    )
     assert found[Verdict.BROKEN].happened.startswith(told)
     assert "gsfw plugins check NAME data=PATH" in found[Verdict.BROKEN].change
     assert found[Verdict.NOT_APPLICABLE].happened.startswith("not checked: ")
