@@ -39,7 +39,7 @@ def _write(exporter: Exporter, path: Path, source: ExportSource) -> None:
     try:
         exporter.write(path, source)
     except ValueError as error:
-        raise NotApplicable(f"it refuses what the kit makes: {error}") from error
+        raise NotApplicable(f"it refuses the splats of the checks: {error}") from error
 
 
 def _writes_what_it_holds(subject: Subject) -> None:
@@ -48,13 +48,13 @@ def _writes_what_it_holds(subject: Subject) -> None:
         (exporter.suffix.startswith(".") and len(exporter.suffix) > 1)
         or (exporter.is_folder and exporter.suffix == ""),
         f"suffix is {exporter.suffix!r}.",
-        'Give the end of file names with the dot: suffix = ".splat"; a folder may have none.',
+        'Set the suffix of file names with its dot: suffix = ".splat"; a folder may have none.',
     )
     _write(exporter, path, source_for(subject, exporter.holds))
     is_there = path.is_dir() if exporter.is_folder else path.is_file()
     kind = "folder" if exporter.is_folder else "file"
     written = is_there and bytes_of(path) > 0
-    require(written, f"write left no {kind}.", "Write to the given path.")
+    require(written, f"write has made no {kind}.", "Write to the given path.")
 
 
 def _round_trips(subject: Subject) -> None:
@@ -65,14 +65,14 @@ def _round_trips(subject: Subject) -> None:
         require(
             apart == 0,
             f"a file of {len(before.splats)} splats is read as {len(after.splats)}.",
-            "Write every splat: gsfw has left out those that are not to be written.",
+            "Write every splat: gsfw has already removed the others.",
         )
         if degree:
             continue  # A format may hold no view dependence: it is enough that it is written.
         shade = (image_of(before.splats) - image_of(after.splats)).abs().max().item()
         require(
             shade <= SHADE,
-            f"the image of the file that was read again differs by {shade:.2g} (of 1).",
+            f"after reading the file, the image differs by {shade:.2g} (of 1).",
             "Write activated values as the format defines them: opacities or logits, scales or "
             "logarithms, wxyz or xyzw, colours or SH coefficients.",
         )
@@ -85,8 +85,8 @@ def _writes_the_world(subject: Subject) -> None:
     off = torch.cdist(before.splats.means, found).amin(1).max().item()
     require(
         off <= PLACE,
-        f"a position is off by {off:.3g} units of the world.",
-        "Write the positions of the source as they are: they are in the world of the data.",
+        f"the error of a position is {off:.3g} world units.",
+        "Write the positions of the source unchanged: they are in the world of the data.",
     )
 
 
@@ -100,7 +100,7 @@ def _read_again(subject: Subject, content: SplatFile) -> SplatFile:
     if exporter.holds is not Holds.SPLATS:
         raise NotApplicable(f"no importer reads {exporter.holds.value}")
     if not exporter.is_readable:
-        raise NotApplicable("its files hold less than splats")
+        raise NotApplicable("its files do not hold whole splats")
     path = subject.workspace / f"again{exporter.suffix}"
     _write(exporter, path, content)
     for spec in subject.registry.slot("importer").values():
@@ -120,7 +120,7 @@ def _a_full_disk_leaves_the_old_file(subject: Subject) -> None:
 def _refuses_what_is_not_finite(subject: Subject) -> None:
     exporter = _exporter(subject)
     if exporter.holds is not Holds.SPLATS:
-        raise NotApplicable("its source is checked by gsfw")
+        raise NotApplicable("gsfw checks its source")
     content = splat_file()
     opacities = content.splats.opacities.clone()
     opacities[3] = torch.nan
@@ -134,7 +134,7 @@ def _refuses_what_is_not_finite(subject: Subject) -> None:
         require(
             False,
             "a splat whose opacity is NaN was written.",
-            "Raise ValueError that names the field and the row before anything is written.",
+            "Raise a ValueError that names the field and the row before you write.",
         )
 
     _stays_old(subject, write, "a splat that is not finite", ValueError)
@@ -152,7 +152,9 @@ def _stays_old(
         NotApplicable: the format is a folder, which nothing replaces at once.
     """
     if subject.target.is_folder:
-        raise NotApplicable("a folder of files is not replaced at once; its index comes last")
+        raise NotApplicable(
+            "a folder of files cannot be replaced at once; its index is written last"
+        )
     folder = subject.workspace / "atomic"
     folder.mkdir(exist_ok=True)
     path = folder / f"old{subject.target.suffix}"
@@ -164,14 +166,14 @@ def _stays_old(
     except expected:
         pass
     else:
-        require(False, f"{cause} raised no error.", "Let the error of the system through.")
+        require(False, f"{cause} raised no error.", "Do not catch the error of the system.")
     kept = path.is_file() and path.read_bytes() == OLD
     left = sorted(item.name for item in folder.iterdir() if item != path)
     require(
         kept and not left,
         f"after {cause}, the old file is {'there' if kept else 'lost'}, and "
         f"{', '.join(left) or 'nothing'} is left beside it.",
-        "Make all bytes first, and write them with write_atomically(path, content) of gsfw.api.",
+        "Compute all bytes first, and write them with write_atomically(path, content) of gsfw.api.",
     )
 
 

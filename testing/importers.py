@@ -14,7 +14,7 @@ from gsfw.testing.subject import Subject
 
 FLIPS = 40
 """Bytes that are changed, one at a time, evenly over a file."""
-ADVICE = "Check lengths and numbers of what is read, and raise DataError with the cause and place."
+ADVICE = "Check lengths and numbers in the file, and raise DataError with the cause and the place."
 
 
 def _importer(subject: Subject) -> Importer:
@@ -61,7 +61,7 @@ def _damaged_files_are_refused(subject: Subject) -> None:
         is_shorter = isinstance(told, SplatFile) and length > 1
         require(
             isinstance(told, DataError) or is_shorter,
-            f"{length} of {len(whole)} bytes end in {_words(told)}.",
+            f"{length} of {len(whole)} bytes give {_words(told)}.",
             ADVICE,
         )
 
@@ -76,7 +76,7 @@ def _changed_bytes_end_in_words(subject: Subject) -> None:
         told = _read(subject, changed)
         require(
             isinstance(told, SplatFile | DataError),
-            f"with another byte {place}, reading ends in {_words(told)}.",
+            f"with another byte {place}, reading gives {_words(told)}.",
             ADVICE,
         )
 
@@ -107,7 +107,7 @@ def _recognises_never_raises(subject: Subject) -> None:
             found = error
         require(
             found is False,
-            f"recognises({path.name}) gives {found!r}, for a file that is not of this format.",
+            f"recognises({path.name}) gives {found!r} for a file of another format.",
             "Read the first bytes, and return false for anything else, also if the file is a "
             "folder, is empty or cannot be opened.",
         )

@@ -55,7 +55,7 @@ def _equal_images_are_finite(subject: Subject) -> None:
             require(
                 math.isfinite(found),
                 f"the figure of two {name} is {found}.",
-                "Bound it, as PSNR ends at 100 dB here: means over views have to stay finite.",
+                "Bound it, as gsfw bounds PSNR at 100 dB: means over views have to stay finite.",
             )
 
 
@@ -81,7 +81,7 @@ def _images_stay_as_they_are(subject: Subject) -> None:
     copies = [tensor.clone() for tensor in (rendered, target, valid)]
     _metric(subject)(rendered, target, valid)
     same = all(map(torch.equal, copies, (rendered, target, valid)))
-    require(same, "an image has changed.", "Use no operation in place: clamp, not clamp_.")
+    require(same, "an image has changed.", "Use no in-place operation: clamp, not clamp_.")
 
 
 def _metric(subject: Subject) -> Metric:

@@ -25,7 +25,7 @@ def _fresh(subject: Subject) -> tuple[DensifiableModel, SplatTable, Callable[[st
     parts = method_trial(subject, "edits", {}).composition().parts
     model = parts.model
     if not isinstance(model, DensifiableModel):
-        raise NotApplicable("its model is no DensifiableModel")
+        raise NotApplicable("its model is not a DensifiableModel")
     return model, parts.table, lambda when: check_table(model, parts.optimizer, when)
 
 
@@ -65,8 +65,8 @@ def _opacities_change(subject: Subject) -> None:
     off = (model.opacities() - before.clamp(max=0.01)).abs().max().item()
     require(
         off <= 1e-4,
-        f"after opacities were capped at 0.01, one is off by {off:.2g}.",
-        "Apply the function to activated opacities, and store what activates to the result.",
+        f"after opacities were capped at 0.01, the error of one is {off:.2g}.",
+        "Apply the function to activated opacities, and store the result before its activation.",
     )
     unknown = sorted(set(changed) - set(model.columns()))
     require(not unknown, f"change_opacities_ names {unknown}.", "Return names of columns.")
@@ -75,8 +75,8 @@ def _opacities_change(subject: Subject) -> None:
     same = all(torch.equal(state[name], c.values) for name, c in model.columns().items())
     require(
         same,
-        "a function that changes no opacity changes bits of a column.",
-        "Store only the rows whose opacity differs from before.",
+        "bits of a column change under a function that changes no opacity.",
+        "Store only the rows whose opacity changes.",
     )
 
 
@@ -88,7 +88,7 @@ def _children_are_alike(subject: Subject) -> None:
     require(
         bool(((model.opacities() >= 0) & (model.opacities() <= 1)).all()),
         "an opacity is outside [0, 1].",
-        "Let opacities() return activated values.",
+        "Return activated values from opacities().",
     )
     table.append(model.clone_rows(rows))
     table.append(model.split_rows(rows, 2, torch.Generator().manual_seed(0)))
@@ -96,7 +96,7 @@ def _children_are_alike(subject: Subject) -> None:
     cloned, split = model.opacities()[count:end], model.sizes()[end:]
     require(
         torch.allclose(cloned, opacities),
-        "a copy of a row has another opacity.",
+        "a clone has another opacity than its row.",
         "Copy every column in clone_rows.",
     )
     require(

@@ -28,7 +28,9 @@ def _losses_agree(subject: Subject) -> None:
             torch.stack(o.l1_dssim(images[0], images[1], mask)) for o in (own, plain)
         )
         off = (found - expected).abs().max().item()
-        require(off <= 1e-5, f"l1_dssim is off by {off:.2g}.", "Compare with core/operators.py.")
+        require(
+            off <= 1e-5, f"the error of l1_dssim is {off:.2g}.", "Compare with core/operators.py."
+        )
 
 
 def _adam_agrees(subject: Subject) -> None:
@@ -47,7 +49,7 @@ def _adam_agrees(subject: Subject) -> None:
     off = (results[0] - results[1]).abs().max().item()
     require(
         off <= 1e-5,
-        f"after six steps of Adam, one of which is not finite, values are off by {off:.2g}.",
+        f"after six steps of Adam, one of which is not finite, the error of values is {off:.2g}.",
         "Compare with core/operators.py; a step that is not finite changes nothing.",
     )
 

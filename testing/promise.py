@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gsfw.testing.subject import Subject
 
 RAISED = "Run the check in a debugger, or look at the traceback that pytest shows."
-"""Remedy of an unexpected error: its message is all that is known."""
+"""Remedy of an unexpected error, of which only the message is known."""
 
 
 class BrokenPromise(AssertionError):

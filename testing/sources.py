@@ -51,7 +51,7 @@ def image_of(splats: Splats) -> torch.Tensor:
 
 
 def source_for(subject: Subject, holds: Holds) -> ExportSource:
-    """A source that has only what an exporter says that its files hold."""
+    """A source with only the content that an exporter names in ``holds``."""
     if holds in (Holds.SPLATS, Holds.MOTION):
         return splat_file()
     if holds is Holds.TRACKS:

@@ -25,7 +25,7 @@ Value = TypeVar("Value")
 
 @dataclass(eq=False)
 class Subject:
-    """A registered part, and what its checks share."""
+    """A registered part, and the values that its checks share."""
 
     slot: str
     spec: Spec
@@ -243,7 +243,7 @@ def _module(name: str) -> ModuleType | None:
     """Import a module by its name; ``None`` if there is none of this name.
 
     Raises:
-        ConfigError: it fails when it is imported; says how.
+        ConfigError: its import fails; the message has the error.
     """
     if not all(word.isidentifier() for word in name.split(".")):
         return None
@@ -254,15 +254,15 @@ def _module(name: str) -> ModuleType | None:
             return None
         raise ConfigError(
             f"module {name!r} cannot be imported: {type(error).__name__}: {error}.",
-            "Correct it, or install what it needs.",
+            "Correct it, or install its dependencies.",
         ) from error
 
 
 def _module_here(name: str) -> str:
-    """The advice for a module of the current folder, where no import looks; empty without one."""
+    """The advice for a module of the current folder, which is not importable; empty without one."""
     for place in (Path(name), Path(f"{name}.py")):
         if place.resolve() in places():
-            return ""  # It is named already, and is skipped or registers nothing.
+            return ""  # It is named already, but is skipped or registers nothing.
         if (place.suffix == ".py" and place.is_file()) or (place / "__init__.py").is_file():
             command = f"{VARIABLE}={place} gsfw plugins check {place.stem}"
             return f"There is {place} in this folder; name it: {command}"

@@ -26,7 +26,9 @@ def check_table(model: PrimitiveModel, optimizer: Optimizer, when: str) -> None:
     columns = model.columns()
     counts = {name: column.num_rows for name, column in columns.items()}
     require(
-        len(set(counts.values())) <= 1, f"{when}, columns have different rows: {counts}.", ADVICE
+        len(set(counts.values())) <= 1,
+        f"{when}, columns have different numbers of rows: {counts}.",
+        ADVICE,
     )
     for name, column in columns.items():
         require(
