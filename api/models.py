@@ -27,14 +27,9 @@ from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.exporters import (
-    format_of,
-    make_exporter,
-    readable_value_errors,
-    writable_suffixes,
-)
+from gsfw.plugins.exporters import format_for, make_exporter, readable_value_errors
 from gsfw.plugins.open_rasterizer import open_rasterizer, render_needs
-from gsfw.plugins.registry import Registry, did_you_mean, installed
+from gsfw.plugins.registry import did_you_mean, installed
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.settings import COMMAND_LINE, Layer
@@ -239,8 +234,8 @@ class Model:
         """Write a file for other tools, or the whole model; return its path.
 
         Args:
-            path: the suffix chooses the format: .ply for splats at one time, .gsfw for the whole
-                model, or that of another installed exporter.
+            path: the suffix chooses the format: .ply for the splats of ``Model.splats``, .gsfw for
+                the whole model, or that of another installed exporter.
             time: in [0, 1], for the splats of a dynamic model.
             format: name of the exporter; empty for that of the suffix.
             options: options of the format by name; ``None`` for their defaults.
@@ -253,7 +248,7 @@ class Model:
         """
         path = Path(path).expanduser()
         registry = installed()
-        form = format or _format(path, registry)
+        form = format or format_for(path, registry, str(path))
         exporter = make_exporter(form, registry, options)
         check_export_time(time, form, exporter)
         source: ExportSource = RunSource(self._restored, time, data_times(self._composition))
@@ -384,18 +379,3 @@ def _by_row(statistics: RenderStatistics, rows: Tensor, count: int) -> RenderSta
     return statistics.map(
         lambda values: values.new_zeros(len(values), count).index_copy(1, rows, values)
     )
-
-
-def _format(path: Path, registry: Registry) -> str:
-    """The format of a suffix.
-
-    Raises:
-        ConfigError: there is none; lists the suffixes.
-    """
-    form = format_of(path, registry)
-    if form is None:
-        raise ConfigError(
-            f"{path}: no exporter writes files that end in {path.suffix!r}.",
-            f"Suffixes that can be written: {writable_suffixes(registry)}.",
-        )
-    return form

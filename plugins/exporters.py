@@ -35,6 +35,27 @@ def format_of(path: Path, registry: Registry) -> str | None:
     return min(fitting)[2] if fitting else None
 
 
+def format_for(path: Path, registry: Registry, place: str) -> str:
+    """The format of ``format_of``.
+
+    Args:
+        path: the file to write.
+        registry: the installed parts.
+        place: text of the argument, for the message, such as "out=scene.ply".
+
+    Raises:
+        ConfigError: no exporter writes such files; lists the suffixes.
+    """
+    form = format_of(path, registry)
+    if form is None:
+        raise ConfigError(
+            f"{place}: no exporter writes files that end in {path.suffix.lower()!r}.",
+            f"Suffixes that can be written: {writable_suffixes(registry)}. Or give the format: "
+            "format=ply",
+        )
+    return form
+
+
 def writable_suffixes(registry: Registry) -> str:
     """The suffixes of all formats, for messages."""
     kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
