@@ -64,7 +64,9 @@ def run(arguments: list[str]) -> int:
     check_budget(options.budget)
 
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.detail import is_tree_file
     from gsfw.commands.interface.runs import find_run, restore_run
+    from gsfw.core.errors import ConfigError
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
@@ -77,6 +79,12 @@ def run(arguments: list[str]) -> int:
 
     console, registry = Console(options.json), installed()
     found = find_run(options.run, console.say, splats=True)
+    if is_tree_file(found):
+        raise ConfigError(
+            f"{found.name}: tradeoff compares variants of one set of splats, and views draw cuts "
+            "of a tree.",
+            f"Convert it first: gsfw convert {found.name} splats.ply",
+        )
     restored = restore_run(found, registry, options.changed())
     is_file = found.model_file is not None
     model = FinishedModel(restored, registry, found.name, options.views, is_file)

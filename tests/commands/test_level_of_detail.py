@@ -41,6 +41,13 @@ def test_a_tree_is_converted_to_a_compressed_model(tree, tmp_path):
     assert out.is_file()
 
 
+def test_a_tree_has_no_variants(tree, capsys):
+    assert main(["tradeoff", str(tree)]) == 2
+    said = capsys.readouterr().err
+    assert "tradeoff compares variants of one set of splats, and views draw cuts of a tree." in said
+    assert f"Convert it first: gsfw convert {tree} splats.ply" in said
+
+
 @pytest.mark.parametrize("given", [("budget=50",), ("detail=9",), ()])
 def test_a_tree_is_rendered(tree, tmp_path, given):
     words = ["render", str(tree), "what=orbit", "frames=1", "width=32", "video=none", *CPU, *given]
