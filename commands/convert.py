@@ -156,6 +156,12 @@ class _Input:
     restored: Restored | None = None
     """The run or model that it is taken from; ``None`` for a file of splats."""
 
+    def view_notes(self) -> list[str]:
+        """A warning if the splats of IN depend on the view."""
+        from gsfw.plugins.run_source import RunSource
+
+        return [] if self.restored is None else RunSource(self.restored).view_notes()
+
 
 @dataclass(frozen=True)
 class _Conversion:
@@ -171,7 +177,7 @@ class _Conversion:
 
     def write(self) -> dict[str, Any]:
         """Write OUT, say what is in it, and return the document."""
-        from gsfw.commands.interface.exported_splats import rounding_note, view_notes
+        from gsfw.commands.interface.exported_splats import rounding_note
         from gsfw.plugins.exporters import readable_value_errors
 
         taken = self._input()
@@ -192,8 +198,7 @@ class _Conversion:
         count = len(source.splat_file().splats)
         dropped = taken.splats.num_dropped
         notes = rounding_note(source.splat_file().splats)
-        if taken.restored is not None:
-            notes += view_notes(taken.restored.composition.parts.model)
+        notes += taken.view_notes()
         document |= {"num_gaussians": count, "num_dropped": dropped, "num_invisible": invisible}
         self.console.say(f"{count:,} splats of {self.options.source} to {self._sizes(document)}")
         self._say_left_out(dropped, invisible)
@@ -211,6 +216,8 @@ class _Conversion:
             self.console.say(f"{moved}: the surface that views show")
             return {"notes": []}
         what, document, notes = self._about(taken)
+        if self.exporter.holds is not Holds.MODEL:
+            notes = [*notes, *taken.view_notes()]
         self.console.say(f"{what}, of {moved}")
         if taken.restored is None:
             self._say_left_out(document["num_dropped"], 0)

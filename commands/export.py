@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import RunOptions
+from gsfw.commands.interface.export_options import PLY
 from gsfw.commands.interface.export_times import ALL, parse_times
 from gsfw.commands.interface.format_options import read_with_format
 from gsfw.core.files.size import bytes_of
@@ -17,11 +18,9 @@ from gsfw.core.words import size
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import RunArgument
-    from gsfw.core.exchange import Exporter, Holds, SplatFile
-    from gsfw.plugins.registry import Registry
+    from gsfw.core.exchange import Exporter, SplatFile
     from gsfw.plugins.restore import Restored
 
-PLY = "ply"
 MOST_COMPARED = 200_000
 """Splats of which a file is compared with the model: some seconds on two cores."""
 
@@ -75,6 +74,12 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.detail import Detail
+    from gsfw.commands.interface.export_options import (
+        check_format,
+        check_options,
+        format_of_file,
+        is_in_splats,
+    )
     from gsfw.commands.interface.exported_model import check_finetune
     from gsfw.commands.interface.runs import find_run, restore_run
     from gsfw.commands.interface.splats_alone import or_splats_alone
@@ -82,17 +87,17 @@ def run(arguments: list[str]) -> int:
     from gsfw.plugins.exporters import check_sh_degree, check_suffix, make_exporter
     from gsfw.plugins.registry import installed
 
-    _check(options)
+    check_options(options)
     registry = installed()
-    options = replace(options, format=_format(options, registry))
+    options = replace(options, format=format_of_file(options, registry))
     exporter = make_exporter(options.format, registry, given)
     if options.out and not options.times:
         check_suffix(Path(options.out), options.format, exporter, registry)
-    _check_fit(options, exporter.holds)
+    check_format(options, exporter.holds)
     check_sh_degree(options.sh_degree, options.format, exporter)
     console = Console(options.json)
     found = find_run(options.run, console.say)
-    if _is_in_splats(options, exporter):
+    if is_in_splats(options, exporter):
         found = or_splats_alone(found, options.data, options.step, console.warn)
     check_finetune(options.finetune, found, exporter)
     detail = Detail.parse(options.budget, 0.0, "")
@@ -105,94 +110,6 @@ def run(arguments: list[str]) -> int:
     about = {"run": found.name, "step": step, "format": options.format}
     console.result({**about, **document})
     return 0
-
-
-def _check(options: ExportOptions) -> None:
-    """Check the options before anything is loaded.
-
-    Raises:
-        ConfigError: two options contradict each other.
-    """
-    from gsfw.core.errors import ConfigError
-
-    if options.times and options.time:
-        raise ConfigError(
-            f"time={options.time:g} and times={options.times} are both given.",
-            "Give time for one file, or times for a sequence.",
-        )
-
-
-def _format(options: ExportOptions, registry: Registry) -> str:
-    """The format that is given, or else the first one that writes files with the suffix of out.
-
-    Raises:
-        ConfigError: no exporter writes such files.
-    """
-    from gsfw.core.errors import ConfigError
-    from gsfw.plugins.exporters import format_of, writable_suffixes
-
-    out = Path(options.out)
-    form = format_of(out, registry) if out.suffix and not out.is_dir() else None
-    if options.times and form is not None and not options.format:
-        raise ConfigError(
-            f"out={out}: times={options.times} writes a folder of files.",
-            f"Give a folder, and the format of its files: out={out.stem} format={form}",
-        )
-    if options.format or options.times or not out.suffix or out.is_dir():
-        return options.format or PLY
-    if form is None:
-        raise ConfigError(
-            f"out={out}: no exporter writes files that end in {out.suffix.lower()!r}.",
-            f"Suffixes that can be written: {writable_suffixes(registry)}. Or give the format: "
-            f"format={PLY}",
-        )
-    return form
-
-
-def _check_fit(options: ExportOptions, holds: Holds) -> None:
-    """Check that the options fit the content of the format.
-
-    Raises:
-        ConfigError: an option does not fit.
-    """
-    from gsfw.core.errors import ConfigError
-    from gsfw.core.exchange import Holds
-
-    is_cut = options.keep < 1 or options.sh_degree is not None
-    if is_cut and (options.times or holds is not Holds.SPLATS):
-        what = f"times={options.times}" if options.times else f"format={options.format}"
-        raise ConfigError(
-            f"{what}: keep and sh_degree cut down one set of splats.",
-            "Give them with format=ply, and without times.",
-        )
-    if options.budget and (options.keep < 1 or holds not in (Holds.SPLATS, Holds.MOTION)):
-        what = f"keep={options.keep:g}" if options.keep < 1 else f"format={options.format}"
-        raise ConfigError(
-            f"budget={options.budget}: {what} cannot be given with it.",
-            "Give one of budget and keep, and a format of splats, such as ply, web or lod.",
-        )
-    if holds is Holds.DEPTHS and options.times:
-        raise ConfigError(
-            f"format={options.format} is written at one time: leave out times.",
-            "Choose the time: time=0.5",
-        )
-    if holds in (Holds.MODEL, Holds.MOTION) and (options.times or options.time):
-        what = "the model" if holds is Holds.MODEL else "splats"
-        raise ConfigError(
-            f"format={options.format} holds {what} at all times: leave out time and times.",
-            "To write one time: format=ply time=0.5",
-        )
-
-
-def _is_in_splats(options: ExportOptions, exporter: Exporter) -> bool:
-    """True if splats.ply of a still run has all that is written, to another file.
-
-    The parts that training views need are not in it.
-    """
-    from gsfw.core.exchange import Holds
-
-    is_other = bool(options.out) or options.format != PLY
-    return is_other and exporter.holds is Holds.SPLATS and options.keep == 1 and not options.budget
 
 
 @dataclass(frozen=True)
@@ -208,20 +125,28 @@ class _Export:
     def write(self) -> dict[str, Any]:
         """Write the content of the format; return the document."""
         from gsfw.core.exchange import Holds
+        from gsfw.plugins.run_source import RunSource
 
         if self.exporter.holds is Holds.MODEL:
             return self._model()
-        if self.exporter.holds is Holds.TRACKS:
-            return self._tracks()
-        if self.exporter.holds is Holds.MOTION:
-            return self._motion()
         if self.exporter.holds is Holds.DEPTHS:
             return self._surface()
-        return self._sequence() if self.options.times else self._splats()
+        source = RunSource(self.restored, self.options.time)
+        # A cut of a tree stands for the model in all views.
+        view_notes = [] if self.options.budget else source.view_notes()
+        for note in view_notes:
+            self.console.warn(note)
+        if self.exporter.holds is Holds.TRACKS:
+            document = self._tracks()
+        elif self.exporter.holds is Holds.MOTION:
+            document = self._motion()
+        else:
+            document = self._sequence() if self.options.times else self._splats()
+        return document | {"notes": [*view_notes, *document.get("notes", [])]}
 
     def _splats(self) -> dict[str, Any]:
         """The model at one time, as one file."""
-        from gsfw.commands.interface.exported_splats import splat_notes, view_notes
+        from gsfw.commands.interface.exported_splats import splat_notes
         from gsfw.formats.visible_splats import without_invisible
         from gsfw.plugins.exporters import readable_value_errors
         from gsfw.plugins.run_source import RunSource
@@ -235,8 +160,6 @@ class _Export:
         with readable_value_errors(path, options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         splats, notes = content.splats, splat_notes(taken)
-        if not options.budget:  # A cut is chosen for views.
-            notes += view_notes(self.restored.composition.parts.model)
         left_out = f" ({invisible:,} too faint to be seen are left out)" if invisible else ""
         count = self._say(f"{len(splats):,} splats{left_out}", path)
         loss = self._loss(path, taken, notes)

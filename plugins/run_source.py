@@ -35,7 +35,7 @@ from gsfw.plugins.preview import preview
 from gsfw.plugins.rebuild import stored_model
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
-from gsfw.plugins.snapshot import snapshot
+from gsfw.plugins.snapshot import snapshot, view_notes
 
 
 def is_dynamic(composition: Composition) -> bool:
@@ -70,6 +70,15 @@ class RunSource(ExportSource):
         parts, settings = self.restored.composition.parts, self.restored.composition.plan.settings
         instant = torch.tensor(self.time, device=parts.device)
         return snapshot(parts.model, parts.data.scene, settings.antialias, instant, self.edit)
+
+    def view_notes(self) -> list[str]:
+        """A warning if the splats of a training view differ from those of ``splat_file``."""
+        parts = self.restored.composition.parts
+        views = parts.data.views(Split.TRAIN).cameras
+        if not views:
+            return []
+        instant = torch.tensor(self.time, device=parts.device)
+        return view_notes(parts.model, views[0].to(parts.device), instant)
 
     @cached_property
     def fits(self) -> dict[bool, FittedMotion]:

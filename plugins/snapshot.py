@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats, with_axes
 from gsfw.core.maths.spherical_harmonics import rgb_to_dc
@@ -57,6 +58,31 @@ def snapshot(
         up=scene.up,
         num_dropped=num_dropped,
     )
+
+
+@torch.no_grad()
+def view_notes(
+    model: PrimitiveModel, camera: Cameras, time: Float[Tensor, ""] | None = None
+) -> list[str]:
+    """A warning if the splats of a view differ from those of ``snapshot``; empty for most models.
+
+    Extra channels may differ: no file of splats holds them.
+
+    Args:
+        model: source of the splats.
+        camera: a view, in the scene frame, on the device of the model.
+        time: in [0, 1]; a static model ignores it.
+    """
+    if not model.depends_on_view:
+        return []
+    found = [model.splats(time, seen) for seen in (None, camera)]
+    alone, seen = (replace(splats, extra=None, rows=None).tensors() for splats in found)
+    if alone.keys() == seen.keys() and all(torch.equal(alone[name], seen[name]) for name in alone):
+        return []
+    return [
+        "the splats of this model depend on the view: a file of splats has those without a view, "
+        "and may look different from renders of the model. A model file has all: format=gsfw"
+    ]
 
 
 def with_sh(splats: Splats) -> Splats:

@@ -17,7 +17,6 @@ from gsfw.commands.edit.output import Output
 from gsfw.commands.edit.verb import EditOptions
 from gsfw.commands.interface.arguments import changed_place
 from gsfw.commands.interface.console import Console
-from gsfw.commands.interface.exported_splats import view_notes
 from gsfw.commands.interface.runs import RunArgument, find_run, restore_run
 from gsfw.core.capabilities import check_fit
 from gsfw.core.contributions import MEASURES
@@ -164,9 +163,10 @@ class Session:
     def _open_splats(self) -> EditableSplats:
         if self.found.splat_file is None:
             self._warn_of_rest()
-            for note in view_notes(self._restored.composition.parts.model):
+            source = RunSource(self._restored, self.options.time)
+            for note in source.view_notes():
                 self.console.warn(note)
-            content = RunSource(self._restored, self.options.time).splat_file()
+            content = source.splat_file()
         else:
             with stage(f"reading {self.found.splat_file.name}"):
                 content = read_at(self.found.splat_file, self.options.time, self.registry)

@@ -23,24 +23,22 @@ def about_motion(
         compare: true to render a few views of a moving model, which measure how near the closed
             form is to it.
     """
-    from gsfw.commands.interface.exported_splats import view_notes
     from gsfw.formats.visible_splats import without_invisible
     from gsfw.plugins.motion_quality import motion_psnr
 
-    notes = view_notes(restored.composition.parts.model)
     if not source.fits:
         content = source.splat_file()
         count = len(without_invisible(content)[0].splats)
         document = {"num_gaussians": count, "num_dropped": content.num_dropped}
-        return f"{count:,} static splats", document, [*content.notes(), *notes]
+        return f"{count:,} static splats", document, list(content.notes())
     (fit,) = source.fits.values()
     near, pieces = None, len(fit.file.content.splats)
     if compare:
         near = motion_psnr(restored, fit.file)
     quality = "" if near is None else f", {near:.1f} dB from the model"
     in_pieces = "" if pieces == fit.num_rows else f" in {pieces:,} pieces"
-    if fit.num_dropped:
-        notes.append(f"{fit.num_dropped} splats were left out: they are not finite.")
+    notes = [f"{fit.num_dropped} splats were left out: they are not finite."]
+    notes *= bool(fit.num_dropped)
     if fit.recolored > RECOLORED:
         notes.append(
             f"colours of splats change by up to {fit.recolored:.2f} over time (of 1; 99 % of them "

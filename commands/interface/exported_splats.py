@@ -10,7 +10,6 @@ from gsfw.core.progress import stage
 
 if TYPE_CHECKING:
     from gsfw.core.exchange import Exporter, SplatFile
-    from gsfw.core.model import PrimitiveModel
     from gsfw.core.splats import Splats
     from gsfw.plugins.registry import Registry
 
@@ -90,16 +89,6 @@ def splat_notes(taken: SplatFile) -> list[str]:
     """Warnings about the file, as sentences."""
     left_out = [f"{taken.num_dropped} splats were left out: they are not finite."]
     return left_out * bool(taken.num_dropped) + rounding_note(taken.splats)
-
-
-def view_notes(model: PrimitiveModel) -> list[str]:
-    """Warning about a model that makes other splats for each view, of which a file has none."""
-    if not model.depends_on_view:
-        return []
-    return [
-        "the splats of this model depend on the view: a file of splats has those without a view, "
-        "and may look different from renders of the model. A model file has all: format=gsfw"
-    ]
 
 
 def rounding_note(splats: Splats) -> list[str]:

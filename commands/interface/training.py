@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.commands.interface.console import Console
-from gsfw.commands.interface.exported_splats import view_notes
 from gsfw.commands.interface.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.commands.interface.summary import file_rows, next_rows, run_rows, summary_text
@@ -25,7 +24,7 @@ from gsfw.kernels.cpu.native_module import keep_freed_memory, release_render_mem
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
-from gsfw.plugins.snapshot import snapshot
+from gsfw.plugins.snapshot import snapshot, view_notes
 from gsfw.reports.plain_text import growth
 from gsfw.reports.run_report import report_training
 from gsfw.studies.requirements.report import RequirementsReport
@@ -141,7 +140,8 @@ def write_splats(trainer: Trainer, console: Console) -> int:
     except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
         return 0
-    for note in view_notes(parts.model):
+    camera = parts.data.views(Split.TRAIN).cameras[0].to(parts.device)
+    for note in view_notes(parts.model, camera):
         console.warn(f"splats.ply: {note}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")

@@ -78,10 +78,26 @@ def test_a_file_of_splats_that_depend_on_the_view_is_warned_of(
     verb, *steps = words
     out = tmp_path / "scene.ply"
     place = [str(out)] if verb == "convert" else [f"out={out}"]
+    plain = StaticGaussians.splats
     for depends in (True, False):
         monkeypatch.setattr(StaticGaussians, "depends_on_view", depends)
+        monkeypatch.setattr(StaticGaussians, "splats", _fainter_in_views if depends else plain)
         assert main([verb, str(run), *place, *steps]) == 0
         assert (NOTE in capsys.readouterr().err) == depends
+
+
+PLAIN_SPLATS = StaticGaussians.splats
+
+
+def _fainter_in_views(self, time=None, cameras=None):
+    splats = PLAIN_SPLATS(self, time, cameras)
+    return splats if cameras is None else replace(splats, opacities=splats.opacities * 0.5)
+
+
+def test_a_cut_of_levels_of_detail_is_not_warned_of(run, tmp_path, capsys):
+    words = ["export", str(run), "format=html", "budget=50", f"out={tmp_path / 'page.html'}"]
+    assert main(words) == 0
+    assert NOTE not in capsys.readouterr().err
 
 
 def test_json_is_one_document(run, tmp_path, capsys):

@@ -8,6 +8,7 @@ from support.drifting_run import drifting_run
 
 from gsfw.commands.main import main
 from gsfw.formats.ply import PlyExporter, PlyImporter
+from gsfw.plugins.run_source import RunSource
 
 MOVING = (
     "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
@@ -138,3 +139,14 @@ def test_a_file_in_place_of_the_folder_is_refused(capsys):
         "error: out=scene.spz: times=3 writes a folder of files.\n"
         "Give a folder, and the format of its files: out=scene format=spz\n"
     )
+
+
+@pytest.mark.parametrize("words", ["times=2", "format=tracks"])
+def test_sequences_and_tracks_warn_of_splats_that_depend_on_the_view(
+    run, tmp_path, capsys, monkeypatch, words
+):
+    monkeypatch.setattr(RunSource, "view_notes", lambda self: ["as without a view"])
+    assert main(["export", str(run), words, f"out={tmp_path / 'out'}", "json=true"]) == 0
+    said = capsys.readouterr()
+    assert "as without a view" in said.err
+    assert json.loads(said.out)["notes"] == ["as without a view"]

@@ -1,15 +1,18 @@
 """Snapshots of models for files."""
 
+from dataclasses import replace
+
 import torch
 from support.gaussians import gaussians, table_of
-from support.scenes import random_splats
+from support.scenes import front_camera, random_splats
+from support.view_models import ByView
 
 from gsfw.core.column import Column
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
-from gsfw.plugins.snapshot import snapshot
+from gsfw.plugins.snapshot import snapshot, view_notes
 
 
 def scene() -> Scene:
@@ -60,3 +63,23 @@ def test_three_channels_that_nothing_decodes_are_colours_of_a_file():
     assert isinstance(colors, Sh)
     torch.testing.assert_close(dc_to_rgb(colors.coefficients[:, 0]).float(), means.abs())
     assert not isinstance(snapshot(Decoded(means), scene(), False).splats.colors, Sh)
+
+
+class ExtraByView(ByView):
+    """Its extra channels alone are of the view."""
+
+    def splats(self, time=None, cameras=None):
+        splats = self.given.splats(time)
+        extra = None if cameras is None else cameras.centers.expand(len(splats), 3)
+        return replace(splats, extra=extra)
+
+
+def test_a_warning_says_that_the_splats_of_views_are_others_than_those_of_files():
+    model, camera = gaussians(5), front_camera()
+    assert view_notes(model, camera) == []
+    (note,) = view_notes(ByView(model), camera)
+    assert "may look different from renders of the model" in note
+
+
+def test_extra_channels_of_a_view_which_no_file_holds_are_not_warned_of():
+    assert view_notes(ExtraByView(gaussians(5)), front_camera()) == []

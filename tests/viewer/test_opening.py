@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from support.view_models import ByView
 from support.viewer_page import open_page
 from support.viewing import still_model
 
@@ -95,8 +96,15 @@ def test_splats_of_another_tool_show_as_what_they_are(tmp_path):
 def test_an_export_holds_what_the_page_shows(run, tmp_path):
     state = replace(STATE, splat_scale=0.5)
     path = tmp_path / "view.ply"
-    count = export_splats(run, state, path)
+    count, notes = export_splats(run, state, path)
     assert len(opened(path).model.splats()) == count
+    assert notes == []
+
+
+def test_an_export_of_splats_that_depend_on_the_view_says_so(run, tmp_path):
+    by_view = replace(run, model=ByView(run.model))
+    _, (note,) = export_splats(by_view, STATE, tmp_path / "view.ply")
+    assert note.startswith("the splats of this model depend on the view: a file of splats has")
 
 
 def test_models_are_called_by_method_and_scene_where_these_tell_them_apart(run, tmp_path):

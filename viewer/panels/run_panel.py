@@ -113,11 +113,13 @@ class RunPanel(Panel):
             name = "view" if live is None else f"step_{live.step:06d}"
             try:
                 path = page.session.free_path("exports", name, ".ply").with_suffix(".ply")
-                count = export_splats(page.session.model, state, path)
+                count, notes = export_splats(page.session.model, state, path)
             except Exception as error:  # The disk is full, for instance: the run goes on.
                 page.tell(f"Nothing was exported: {error}", "red")
             else:
                 page.tell(f"{count:,} Gaussians are in {path}", "green")
+                for note in notes:
+                    page.tell(note, "yellow")
             yield
 
         page.session.service.order(work())
