@@ -167,7 +167,8 @@ def _view_dependence_is_declared(subject: Subject) -> None:
         raise NotApplicable("it declares that they depend on the view")
     views = parts.data.views(Split.TRAIN).cameras
     for time in TIMES if parts.data.scene.is_dynamic else (None,):
-        first, *others = (flat(splats_of(parts.model, time, views[at])) for at in (0, 1, -1))
+        cameras = (*views[:2], views[-1])
+        first, *others = (flat(splats_of(parts.model, time, camera)) for camera in cameras)
         found = next(filter(None, (difference(first, other) for other in others)), "")
         require(
             not found,
