@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.recordable import graph_key
 from gsfw.core.method import Method
@@ -42,9 +43,17 @@ class MovingMethod(Method):
 
         Args:
             canonical: settings of the canonical Gaussians.
-            settling: settings of static rows; ``None``: no row can be static (static=none). The
-                model need not be ``MovingGaussians`` then, if ``prepare`` is overridden.
+            settling: settings of static rows; ``None``: no row can be static. The model need not be
+                ``MovingGaussians`` then, if ``prepare`` is overridden.
+
+        Raises:
+            ConfigError: static=auto, and no row can be static.
         """
+        if settling is None and isinstance(canonical, MovingConfig) and canonical.static != "none":
+            raise ConfigError(
+                "static=auto: all Gaussians of this method move, none can be static.",
+                "Leave static out.",
+            )
         self.canonical = self.canonical_method(canonical)
         """The method of the canonical Gaussians, of the class ``canonical_method``."""
         self._settling = settling

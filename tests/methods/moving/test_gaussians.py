@@ -4,12 +4,13 @@ import math
 
 import pytest
 import torch
-from support.mixed_rows import CONFIGS, check_rows, mixed, standing
+from support.mixed_rows import CONFIGS, WRITTEN, check_rows, mixed, standing
 from support.moving_splats import at, moving_scene, seeded
 from support.scenes import random_splats
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.operators import Operators
+from gsfw.methods.moving.method import MovingMethod
 
 METHODS = tuple(CONFIGS)
 
@@ -211,3 +212,19 @@ def test_the_parts_of_a_split_keep_the_path_of_their_parent():
     children = model.split_rows(row, 2, seeded())
     assert torch.equal(children["paths"].values, model.paths.values[1:2].repeat(2, 1, 1))
     assert not torch.equal(children["means"].values[0], children["means"].values[1])
+
+
+class Restless(MovingMethod):
+    """A method that passes no settings of static rows."""
+
+    def __init__(self, config):
+        super().__init__(config)
+
+    def build_model(self, scene, operators, generator, initial):
+        raise NotImplementedError
+
+
+def test_a_method_whose_rows_all_move_refuses_static_rows():
+    assert Restless(WRITTEN.WrittenConfig()).still_rows(4) is None
+    with pytest.raises(ConfigError, match=r"^static=auto: all Gaussians of this method move"):
+        Restless(WRITTEN.WrittenConfig(static="auto"))
