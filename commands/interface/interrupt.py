@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -50,7 +50,9 @@ def unclaimed_signals() -> tuple[signal.Signals, ...]:
     A program has handlers of its own, and threads but the main one cannot set any.
     """
     is_main = threading.current_thread() is threading.main_thread()
-    is_free = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    handler = signal.getsignal(signal.SIGINT)
+    # In a verb of a plugin, which may train with gsfw.train, it is the handler of the command line.
+    is_free = handler in (signal.default_int_handler, _AfterImports(_leave))
     return (signal.SIGINT,) if is_main and is_free else ()
 
 
@@ -112,7 +114,7 @@ def interrupted_once(text: str) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, _after_imports(stop))
+    before = signal.signal(signal.SIGINT, _AfterImports(stop))
     try:
         yield
     finally:
@@ -126,16 +128,15 @@ def leave_on_signal() -> Iterator[None]:
     It is ``KeyboardInterrupt`` at SIGINT, else ``EndedBySignal`` with 128 + the number. By default
     Python would end immediately, without removing temporary files.
     """
-
-    def leave(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt if number == signal.SIGINT else EndedBySignal(128 + number)
-
-    before = {}
-    if threading.current_thread() is threading.main_thread():  # Other threads cannot set handlers.
-        for number in SIGNALS:
-            # nohup ignores SIGHUP, and a shell SIGINT for what it starts in the background.
-            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                before[number] = signal.signal(number, _after_imports(leave))
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Other threads cannot set handlers.
+        return
+    before = {
+        number: signal.signal(number, _AfterImports(_leave))
+        for number in SIGNALS
+        # nohup ignores SIGHUP, and a shell SIGINT for what it starts in the background.
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+    }
     try:
         with _destructors_interruptible():
             yield
@@ -144,19 +145,25 @@ def leave_on_signal() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _after_imports(handler: Handler) -> Handler:
+def _leave(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt if number == signal.SIGINT else EndedBySignal(128 + number)
+
+
+@dataclass(frozen=True)
+class _AfterImports:
     """A handler that waits until the imports that a signal interrupts have ended.
 
     Modules swallow the exceptions of what they import, and numpy and torch can be imported only
     once: an exception would be lost, or become another one.
     """
-    outer = _imports(sys._getframe())
 
-    def handle(number: int, frame: FrameType | None) -> None:
-        if _imports(frame) <= outer or not _repeat(number):
-            handler(number, frame)
+    handler: Handler
+    outer: int = field(default_factory=lambda: _imports(sys._getframe()), compare=False)
+    """Imports that wait for the program itself, such as that of a script that calls it."""
 
-    return handle
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if _imports(frame) <= self.outer or not _repeat(number):
+            self.handler(number, frame)
 
 
 def _imports(frame: FrameType | None) -> int:

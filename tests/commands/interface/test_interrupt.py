@@ -151,6 +151,29 @@ def test_a_signal_in_a_destructor_ends_the_program_after_it(number, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_a_verb_that_trains_by_gsfw_train_leaves_ctrl_c_to_the_run():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with leave_on_signal():
+            assert unclaimed_signals() == (signal.SIGINT,)
+            with interrupted_once("stopping"):
+                assert unclaimed_signals() == ()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_other_threads_leave_handlers_and_hooks_of_the_program_alone():
+    def enter() -> None:
+        with leave_on_signal():
+            seen.append((sys.unraisablehook, *map(signal.getsignal, SIGNALS)))
+
+    seen = [(sys.unraisablehook, *map(signal.getsignal, SIGNALS))]
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert seen[0] == seen[1]
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows sends no signals to single processes")
 def test_ctrl_c_while_the_program_loads_prints_no_traceback(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(LOADING)
