@@ -10,7 +10,7 @@ from gsfw.commands.interface.summary import Row, file_rows, next_rows, run_rows,
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import read_config
 from gsfw.reports.run_reader import read_run
-from gsfw.reports.run_record import RunRecord
+from gsfw.reports.run_record import RunRecord, number
 
 SHOWN = ("method", "strategy", "rasterizer", "datamanager", "data", "device", "seed", "downscale")
 """The settings that distinguish runs; gsfw config show has them all."""
@@ -21,8 +21,8 @@ REQUIRED = (
 )
 """The shown entries of requirements.json, which has more."""
 
-FIGURES = {"views", "render_ms", "num_gaussians", "steps", "train_seconds", "model_bytes"}
-"""Figures that the summary of a run has."""
+FIGURES = ("views", "num_gaussians", "steps", "train_seconds", "model_bytes")
+"""Figures that the summary of a run has; ``render_ms`` too, if it has views."""
 
 
 def describe_run(folder: RunFolder) -> dict[str, Any]:
@@ -81,7 +81,8 @@ def run_text(document: Mapping[str, Any]) -> str:
         steps = document["steps"]
         of = f" of {steps:,}" if isinstance(steps, int) else ""
         state = f"not finished: {document['steps_done']:,}{of} steps"
-    if record.summary.keys() >= FIGURES:
+    needed = (*FIGURES, "render_ms") if record.summary.get("views") else FIGURES
+    if all(number(record.summary.get(key)) is not None for key in needed):
         headline = document.get("requirements", {}).get("headline") or ""
         figures = run_rows(record.summary, record.metrics, headline)
         findings = record.summary.get("findings") or []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import shutil
 import sys
@@ -39,11 +40,13 @@ class Row:
     remark: str = ""
 
 
-def quality_rows(means: Mapping[str, float], baselines: Mapping[str, Any], views: str) -> list[Row]:
+def quality_rows(
+    means: Mapping[str, float | None], baselines: Mapping[str, Any], views: str
+) -> list[Row]:
     """Rows of the metrics, PSNR first, with that of images without a model.
 
     Args:
-        means: metrics by name; empty without views.
+        means: metrics by name, NaN or ``None`` for one that failed; empty without views.
         baselines: PSNR of images that need no model, by name.
         views: the compared views, in words, as ``compared_views`` gives them.
     """
@@ -69,7 +72,8 @@ def _words(name: str) -> str:
     return words.replace("_", " ").replace("psnr", "PSNR").replace("ssim", "SSIM")
 
 
-def _figure(name: str, value: float) -> str:
+def _figure(name: str, value: float | None) -> str:
+    value = math.nan if value is None else value  # JSON has null for NaN.
     return f"{value:.2f} dB" if name.endswith("psnr") else f"{value:.4f}"
 
 

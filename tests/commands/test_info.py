@@ -88,6 +88,9 @@ def test_people_get_a_run_as_its_settings_figures_and_files(run, capsys):
     assert "the last after 20 steps" in said
     assert f"next gsfw view {run}" in lines
     assert not any(key in said for key in ("num_gaussians", "baselines"))
+    RunFolder(run).summary.write_text(json.dumps(summary | {"ssim": None}))  # A metric that failed.
+    assert main(["info", str(run)]) == 0
+    assert "SSIM nan" in " ".join(capsys.readouterr().out.split())
     del summary["num_gaussians"]  # Of an early version.
     RunFolder(run).summary.write_text(json.dumps(summary))
     assert main(["info", str(run)]) == 0
