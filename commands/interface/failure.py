@@ -134,10 +134,13 @@ def _too_long(error: BaseException) -> UserError | None:
     """The clear message for a path that is too long for the system; ``None`` for other errors."""
     if not isinstance(error, OSError) or error.errno != errno.ENAMETOOLONG:
         return None
-    path = str(error.filename)
+    if error.filename is None:  # It does not name the path.
+        return None
+    path = os.fsdecode(error.filename)
     start = f"{path[:SHOWN]}..." if len(path) > SHOWN else path
     return DataError(
-        f"{start}: the path has {len(path):,} characters, and is too long for this system.",
+        f"{start}: the path ({len(path):,} characters), or a name in it, is too long for this "
+        "system.",
         "Check the quotes of the command, or give a shorter path.",
     )
 

@@ -36,7 +36,8 @@ def test_a_path_that_is_too_long_is_no_bug(capsys):
     error = OSError(errno.ENAMETOOLONG, "File name too long", "a" * 5000)
     assert report(error, Console(), debug=False) == 2
     assert capsys.readouterr().err == (
-        f"error: {'a' * 80}...: the path has 5,000 characters, and is too long for this system.\n"
+        f"error: {'a' * 80}...: the path (5,000 characters), or a name in it, is too long for this "
+        "system.\n"
         "Check the quotes of the command, or give a shorter path.\n"
     )
 
