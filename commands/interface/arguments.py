@@ -59,7 +59,7 @@ class Arguments:
 
 
 def parse(tokens: Sequence[str]) -> Arguments:
-    """Separate keys, values and words.
+    """Separate keys, values and words; after ``--`` all are words.
 
     Raises:
         ConfigError: ``--key`` is not followed by a value.
@@ -70,6 +70,9 @@ def parse(tokens: Sequence[str]) -> Arguments:
     while remaining:
         token = "--help" if remaining[0] == "-h" else remaining[0]
         del remaining[0]
+        if token == "--":
+            words += remaining
+            break
         if pair := _PAIR.fullmatch(token):
             pairs.append((_key(pair[1]), expanded(pair[2])))
         elif option := _OPTION.fullmatch(token):

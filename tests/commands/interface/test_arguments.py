@@ -54,6 +54,12 @@ def test_values_may_hold_equal_signs_spaces_dashes_and_nothing():
     assert values == {"data": "/a=b/c d", "out": "-x", "init": "", "note": "two words=here"}
 
 
+def test_after_two_dashes_all_are_words():
+    found = parse(["a.png", "out=o", "--", "-x.png", "b=c.png", "--", "--help"])
+    assert found.words == ("a.png", "-x.png", "b=c.png", "--", "--help")
+    assert found.values == {"out": "o"}
+
+
 def test_of_a_key_given_twice_the_last_wins():
     assert parse(["seed=1", "--seed", "2", "seed=3"]).values == {"seed": "3"}
 
