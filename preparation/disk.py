@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +27,7 @@ def check_room(path: Path, size: int = 0) -> None:
         size: bytes that are written to it for certain.
 
     Raises:
-        OutputError: the disk is full, or nearly so.
+        OutputError: the disk is full, or nearly so, or files may not become as large.
     """
     free = shutil.disk_usage(path.parent).free
     if free < ROOM + size:
@@ -34,6 +36,23 @@ def check_room(path: Path, size: int = 0) -> None:
             f"{free // 1_000_000} MB are free.",
             "Free some space, and the same command continues; or choose another folder: out=DIR.",
         )
+    least = ROOM + size + (path.stat().st_size if path.is_file() else 0)
+    if (limit := _size_limit()) < least:
+        raise OutputError(
+            f"files of this process may have at most {limit / 1e6:.1f} MB (ulimit -f), and {path} "
+            f"may need {least // 1_000_000} MB.",
+            "Raise the limit, and the same command continues.",
+        )
+
+
+def _size_limit() -> float:
+    """Bytes that the system lets this process write to a file."""
+    if sys.platform == "win32":
+        return math.inf
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def find_copies(files: Sequence[InputFile]) -> dict[InputFile, InputFile]:

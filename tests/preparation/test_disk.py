@@ -39,6 +39,20 @@ def test_features_are_not_written_to_a_full_disk(tmp_path, full, looks):
     )
 
 
+def test_a_limit_of_the_size_of_files_is_named(tmp_path, monkeypatch):
+    database = tmp_path / "d.db"
+    monkeypatch.setattr(disk, "_size_limit", lambda: 32_000_500)
+    disk.check_room(database)
+    database.write_bytes(bytes(1000))
+    with pytest.raises(OutputError) as caught:
+        disk.check_room(database)
+    assert str(caught.value) == (
+        f"files of this process may have at most 32.0 MB (ulimit -f), and {database} may "
+        "need 32 MB.\n"
+        "Raise the limit, and the same command continues."
+    )
+
+
 def test_matches_are_not_written_to_a_full_disk(tmp_path, full):
     full(0)
     with pytest.raises(OutputError, match="the disk is nearly full"):
