@@ -105,9 +105,8 @@ class Model:
     def splats(self, time: float | None = None) -> Splats:
         """The activated Gaussians, float32, without gradients.
 
-        Rows that are not finite are left out. float32 is coarse where coordinates are large, as in
-        georeferenced captures; ``Model.render`` is exact there. A model whose splats depend on the
-        view returns those without a view; ``Model.render`` asks for those of each camera.
+        Rows that are not finite are left out. float32 is coarse for large coordinates. Splats that
+        depend on the view are those without a view. ``Model.render`` is exact, and for each view.
 
         Args:
             time: in [0, 1]; ``None`` for 0. A static model ignores it.
