@@ -154,7 +154,7 @@ class FeatureSettings:
             with_what += " of the cluster"
         elif jobs < min(cores, number):
             with_what += (
-                f" (features: {jobs}, as each needs {byte_size(self.process_bytes(images))})"
+                f" ({jobs} for features, as each needs {byte_size(self.process_bytes(images))})"
             )
         return (
             f"features: at most {self.count} in {_each(number)}, on up to "
@@ -167,7 +167,7 @@ class FeatureSettings:
         """As many processes as there are cores, images, and memory for all of them."""
         from gsfw.core.machine_memory import free_memory
 
-        fitting = int(min(cores, free_memory() // self.process_bytes(images)))
+        fitting = int(min(cores, free_memory() / self.process_bytes(images)))
         return max(1, min(fitting, len(images.images)))
 
     def process_bytes(self, images: ImageSet) -> int:

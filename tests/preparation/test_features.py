@@ -1,4 +1,5 @@
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -111,12 +112,14 @@ class Interrupting:
 GB = 1_000_000_000
 
 
-@pytest.mark.parametrize(("free", "jobs"), [(64 * GB, 8), (4.5 * GB, 4), (0.2 * GB, 1)])
+@pytest.mark.parametrize(
+    ("free", "jobs"), [(math.inf, 8), (64 * GB, 8), (4.5 * GB, 4), (0.2 * GB, 1)]
+)
 def test_no_more_processes_look_for_features_than_memory_has_room_for(monkeypatch, free, jobs):
     monkeypatch.setattr("gsfw.core.machine_memory.free_memory", lambda: free)
     settings, how = FeatureSettings.for_machine(imagined(50), 8, None, None)
     assert settings.jobs == jobs
-    assert (f"8 cores (features: {jobs}, as each needs 1.0 GB)" in how) == (jobs < 8)
+    assert (f"8 cores ({jobs} for features, as each needs 1.0 GB)" in how) == (jobs < 8)
 
 
 def test_keypoints_of_a_shrunk_image_lie_where_those_of_the_whole_one_do(tmp_path):
