@@ -195,11 +195,12 @@ def _destructors_interruptible() -> Iterator[None]:
     before = sys.unraisablehook
 
     def report(lost: sys.UnraisableHookArgs) -> None:
-        if isinstance(lost.exc_value, KeyboardInterrupt):
-            _repeat(signal.SIGINT)
-        elif isinstance(lost.exc_value, EndedBySignal):
-            _repeat(lost.exc_value.code - 128)
-        else:
+        error, number = lost.exc_value, None
+        if isinstance(error, KeyboardInterrupt):
+            number = int(signal.SIGINT)
+        elif isinstance(error, EndedBySignal):
+            number = error.code - 128
+        if number is None or not _repeat(number):
             before(lost)
 
     sys.unraisablehook = report
