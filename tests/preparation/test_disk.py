@@ -39,13 +39,18 @@ def test_features_are_not_written_to_a_full_disk(tmp_path, full, looks):
     )
 
 
-def test_a_limit_of_the_size_of_files_is_named(tmp_path, monkeypatch):
+def test_a_limit_of_the_size_of_files_is_named(tmp_path):
+    resource = pytest.importorskip("resource")
     database = tmp_path / "d.db"
-    monkeypatch.setattr(disk, "_size_limit", lambda: 32_000_500)
-    disk.check_room(database)
-    database.write_bytes(bytes(1000))
-    with pytest.raises(OutputError) as caught:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (32_000_500, before[1]))
+    try:
         disk.check_room(database)
+        database.write_bytes(bytes(1000))
+        with pytest.raises(OutputError) as caught:
+            disk.check_room(database)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert str(caught.value) == (
         f"files of this process may have at most 32.0 MB (ulimit -f), and {database} may "
         "need 32 MB.\n"
