@@ -27,7 +27,7 @@ def check_room(path: Path, size: int = 0) -> None:
         size: bytes that are written to it for certain.
 
     Raises:
-        OutputError: the disk is full, or nearly so, or files may not become as large.
+        OutputError: the disk is nearly full, or the limit of the size of files is too low.
     """
     free = shutil.disk_usage(path.parent).free
     if free < ROOM + size:
@@ -52,7 +52,7 @@ def _size_limit() -> float:
     import resource
 
     limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-    return math.inf if limit == resource.RLIM_INFINITY else limit
+    return math.inf if limit == resource.RLIM_INFINITY else float(limit)
 
 
 def find_copies(files: Sequence[InputFile]) -> dict[InputFile, InputFile]:
