@@ -15,6 +15,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.datamanager import spread
+from gsfw.core.errors import ConfigError
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
@@ -30,7 +31,7 @@ SplatsAt = Callable[[Float[Tensor, ""] | None, Cameras], Splats]
 """Splats at a time in [0, 1], or ``None``, for one camera: ``PrimitiveModel.splats``, or alike."""
 
 
-class NoRowsError(ValueError):
+class NoRowsError(ConfigError):
     """The splats of a view are no rows of the model, such as a cut of its tree."""
 
 
@@ -74,7 +75,11 @@ class Contributions:
             seen = cameras[index].to(dtype=torch.float32)
             splats = splats_at(None if seen.time is None else seen.time[0], seen)
             if splats.rows is None and len(splats) != num_rows:
-                raise NoRowsError(f"a view has {len(splats)} splats of {num_rows} rows, unnamed")
+                raise NoRowsError(
+                    f"contributions: a view shows {len(splats)} splats of a model of {num_rows} "
+                    "Gaussians, and they do not name their rows.",
+                    "Return Splats(..., rows=rows) from splats() of the model.",
+                )
             splats = splats.map(lambda tensor: tensor.detach().float())
             added = rasterizer.contributions(splats, seen, settings=settings)
             added = added.sum(0).double().cpu()

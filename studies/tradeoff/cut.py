@@ -46,5 +46,9 @@ def _most_useful(restored: Restored, keep: float) -> Kept:
     needs = {f"keep={keep:g}": MEASURES}
     check_fit(name, needs, rasterizer_capabilities(installed()), device.type)
     scores = RunSource(restored).contributions()
-    assert scores is not None, "the rasterizer measures them"
+    if scores is None:  # The rasterizer can measure them.
+        raise ConfigError(
+            f"keep={keep:g}: the splats of this model do not name their rows.",
+            "Leave keep out; or return Splats(..., rows=rows) from splats() of the model.",
+        )
     return Kept(most_useful_part(scores.to(device), keep))

@@ -94,6 +94,21 @@ def _fainter_in_views(self, time=None, cameras=None):
     return splats if cameras is None else replace(splats, opacities=splats.opacities * 0.5)
 
 
+def _fewer_in_views(self, time=None, cameras=None):
+    splats = PLAIN_SPLATS(self, time, cameras)
+    return splats if cameras is None else splats.take(torch.arange(len(splats) // 2))
+
+
+def test_keep_is_refused_where_the_splats_of_a_view_do_not_name_their_rows(
+    run, capsys, monkeypatch
+):
+    monkeypatch.setattr(StaticGaussians, "depends_on_view", True)
+    monkeypatch.setattr(StaticGaussians, "splats", _fewer_in_views)
+    assert main(["export", str(run), "keep=0.5"]) == 2
+    said = capsys.readouterr().err
+    assert "error: keep=0.5: the splats of this model do not name their rows.\n" in said
+
+
 def test_a_cut_of_levels_of_detail_is_not_warned_of(run, tmp_path, capsys):
     words = ["export", str(run), "format=html", "budget=50", f"out={tmp_path / 'page.html'}"]
     assert main(words) == 0

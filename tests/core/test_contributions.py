@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.scenes import front_camera, random_splats
 
-from gsfw.core.contributions import Contributions, most_useful_part
+from gsfw.core.contributions import Contributions, NoRowsError, most_useful_part
 from gsfw.core.render_settings import RenderSettings
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
@@ -68,6 +69,15 @@ def test_each_view_is_measured_with_the_splats_of_its_camera():
     assert torch.equal(found.total, each[0] + each[1])
     assert each[0][:4].any()
     assert not each[0][4:].any()
+
+
+def test_splats_of_a_view_that_do_not_name_their_rows_are_refused():
+    few = random_splats(3)
+    with pytest.raises(
+        NoRowsError, match="a view shows 3 splats of a model of 8 Gaussians"
+    ) as caught:
+        measured(lambda time, camera: few, 8, [front_camera()])
+    assert "rows=rows" in caught.value.advice
 
 
 @settings(max_examples=60, deadline=None)
