@@ -41,7 +41,7 @@ def _scene(subject: Subject) -> Changes:
     refused = subject.once("refusals", dict[str, str])
     if refused:
         raise NotApplicable("not checked: it refuses the built-in scene, as another promise tells")
-    for kind, motion in (("still", {}), ("moving", MOTION)):
+    for kind, motion in (("static", {}), ("moving", MOTION)):
         try:
             trial(subject, "scene", {"steps": STEPS, **motion}, subject.name).composition()
         except PartError as error:

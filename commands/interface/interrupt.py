@@ -177,10 +177,14 @@ def _imports(frame: FrameType | None) -> int:
 
 def _repeat(number: int) -> bool:
     """Send this process a signal again after a while; false if that is impossible."""
+    program = threading.get_ident()  # Handlers run in the main thread.
 
     def send() -> None:
         time.sleep(AGAIN)
-        _thread.interrupt_main(signal.Signals(number))
+        if sys.platform == "win32":
+            _thread.interrupt_main(signal.Signals(number))
+        else:  # Ends a wait of the main thread, too.
+            signal.pthread_kill(program, number)
 
     try:
         _thread.start_new_thread(send, ())  # The locks of ``threading`` may be held.
