@@ -16,9 +16,9 @@ PLUGINS = Path(__file__).resolve().parents[2] / "docs" / "plugins"
 
 SCENE = {
     "datamanager.views": "4", "datamanager.eval_views": "1", "datamanager.width": "32",
-    "datamanager.height": "24", "datamanager.points": "120",
+    "datamanager.height": "24", "datamanager.points": "120", "datamanager.times": "4",
 }  # fmt: skip
-"""A small built-in scene."""
+"""A small built-in scene, still or moving."""
 
 RUN = {"device": "cpu", "eval_every": "0", "steps": "6", "report": "false", "log_every": "1"}
 """A run of a moment."""
