@@ -3,12 +3,13 @@
 Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. SIGTERM, and
 SIGHUP at the end of a terminal, end it after its step, however often they come. Elsewhere a signal
 ends the program like an error, so that temporary files are removed; during an import it waits for
-the end of the import.
+the end of the import, for some seconds at most.
 """
 
 from __future__ import annotations
 
 import _thread
+import math
 import os
 import signal
 import sys
@@ -33,6 +34,9 @@ SIGNALS = (signal.SIGINT, *ENDING)
 
 AGAIN = 0.05
 """Seconds until a signal that cannot end the program yet is tried again."""
+
+PATIENCE = 15.0
+"""Seconds after which a signal no longer waits for imports: a module may hang in one."""
 
 Handler = Callable[[int, FrameType | None], None]
 
@@ -149,7 +153,7 @@ def _leave(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt if number == signal.SIGINT else EndedBySignal(128 + number)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _AfterImports:
     """A handler that waits until the imports that a signal interrupts have ended.
 
@@ -160,10 +164,17 @@ class _AfterImports:
     handler: Handler
     outer: int = field(default_factory=lambda: _imports(sys._getframe()), compare=False)
     """Imports that wait for the program itself, such as that of a script that calls it."""
+    since: float = field(default=math.inf, compare=False)
+    """Time of the first signal that waits; infinity if none does."""
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        if _imports(frame) <= self.outer or not _repeat(number):
-            self.handler(number, frame)
+        now = time.monotonic()
+        self.since = min(self.since, now)
+        is_late = now - self.since >= PATIENCE
+        if _imports(frame) > self.outer and not is_late and _repeat(number):
+            return
+        self.since = math.inf
+        self.handler(number, frame)
 
 
 def _imports(frame: FrameType | None) -> int:

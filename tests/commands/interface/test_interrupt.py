@@ -136,6 +136,19 @@ def test_a_signal_during_an_import_ends_the_program_after_it(number, end, tmp_pa
         assert caught.value.code == 128 + number
 
 
+def test_ctrl_c_ends_an_import_that_hangs(tmp_path, monkeypatch):
+    hanging = "import signal, time\nsignal.raise_signal(2)\nwhile True:\n    time.sleep(0.01)\n"
+    (tmp_path / f"{tmp_path.name}.py").write_text(hanging)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("gsfw.commands.interface.interrupt.PATIENCE", 0.1)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), leave_on_signal():
+            import_module(tmp_path.name)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_in_a_destructor_ends_the_program_after_it(number, capsys):
     class Thing:
