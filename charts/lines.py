@@ -15,6 +15,7 @@ from gsfw.charts.style import (
     ratio_marks,
     round_marks,
     styled,
+    text_width,
 )
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ PANEL = (400.0, 330.0)
 LEFT, TOP, RIGHT, BOTTOM = 66.0, 12.0, 20.0, 54.0
 """Margins of a panel, in layout units."""
 TITLE, LEGEND_ROW = 24.0, 24.0
+LEGEND_HANDLE = 70.0
+"""Line, dot and space of an entry of the legend, in layout units."""
 MOST_MARKED = 60
 """Lines of more points have no dot at each point."""
 MOST_TICKS = 7
@@ -74,9 +77,11 @@ def line_figure(
     Args:
         panels: at least one, each with at least one line of at least one point.
         size: of a panel without the legend, in layout units.
-        columns: of the legend.
+        columns: of the legend; fewer if the names are too long for the figure.
     """
     names = list(dict.fromkeys(line.name for panel in panels for line in panel.lines))
+    entry = LEGEND_HANDLE + max(map(text_width, names))
+    columns = max(1, min(columns, int((size[0] * len(panels) - LEFT) / entry)))
     legend = LEGEND_ROW * -(-len(names) // columns)
     title = TITLE if any(panel.title for panel in panels) else 0.0
     figure = new_figure(size[0] * len(panels), size[1] + legend + title)

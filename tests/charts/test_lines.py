@@ -77,3 +77,13 @@ def test_a_ratio_axis_has_round_ticks_around_the_points():
     (axes,) = line_figure([LinePanel("", "x", (line,), ratio=True)]).axes
     assert axes.get_xscale() == "log"
     assert labels(axes.get_xticklabels()) == ["2", "5", "10", "20", "50"]
+
+
+@pytest.mark.parametrize("length", [3, 12, 20])
+def test_the_legend_stays_within_the_figure(length):
+    lines = [replace(ONE, name=letter * length) for letter in "mnop"]
+    figure = line_figure([LinePanel("", "x", tuple(lines))], columns=3)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    assert legend.get_window_extent().x1 <= figure.bbox.x1
+    assert legend.get_window_extent().y0 >= figure.axes[0].bbox.y1
