@@ -217,6 +217,11 @@ class Team:
         """True if a process has not all rows: all processes render and evaluate together then."""
         return False
 
+    @property
+    def evaluates(self) -> bool:
+        """True if this process evaluates and gathers checkpoints: the first one, or all."""
+        return self.leads or self.shares_rendering
+
     def summary(self) -> Mapping[str, int]:
         """Figures for the run's summary; empty for one process."""
         return {}

@@ -54,7 +54,7 @@ def memory_full(error: torch.OutOfMemoryError, trainer: Trainer) -> TrainingErro
         with suppress(RuntimeError):  # It refuses after a recording that has failed.
             torch.cuda.empty_cache()
     with suppress(torch.OutOfMemoryError, OutputError, ValueError):  # The last one stays.
-        trainer.keep_state()
+        trainer.checkpoints.keep(trainer)
     return TrainingError(
         f"the GPU's memory is full after {trainer.step} steps, with "
         f"{len(trainer.parts.table):,} Gaussians{lack}.",
@@ -70,7 +70,7 @@ def main_memory_full(trainer: Trainer, memory: MachineMemory) -> NotEnoughMemory
         memory: that is left.
     """
     with suppress(OutputError, ValueError):  # The last one stays.
-        trainer.keep_state(together=True)
+        trainer.checkpoints.keep(trainer, together=True)
     return NotEnoughMemoryError(
         f"memory is full after {trainer.step} steps, with {len(trainer.parts.table):,} Gaussians: "
         f"{size(memory.free + memory.swap)} are free, and {memory}.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,21 +10,24 @@ from typing import Any
 
 import torch
 
-from gsfw.core.callback import Callback, Control, RunInfo, StepReport, TrainingView
+from gsfw.core.callback import Callback, Control, RunInfo
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
+from gsfw.core.loop.checkpoints import Checkpoints
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
-from gsfw.core.loop.forward import RenderedBatch, culprits, shared_losses, without_data
+from gsfw.core.loop.final_figures import final_figures
+from gsfw.core.loop.forward import RenderedBatch, culprits
 from gsfw.core.loop.full_memory import memory_full
 from gsfw.core.loop.goal import Goal, mean_psnr
-from gsfw.core.loop.memory import memory_summary, peak_memory_mb, release_freed_memory
+from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.loop.memory_watch import MemoryWatch
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.recording import recorder_for
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
+from gsfw.core.loop.step_reports import StepReports
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
@@ -33,9 +35,7 @@ from gsfw.core.loop.update import Update
 from gsfw.core.loop.verdict import Verdict
 from gsfw.core.loop.walk import Walk
 from gsfw.core.loop.watchers import Watchers
-from gsfw.core.metrics import psnr
 from gsfw.core.part_state import load_part, state_of
-from gsfw.core.progress import stage
 from gsfw.core.refiner import RESET, GrowthLimits, Refinement
 
 
@@ -61,15 +61,13 @@ class Trainer:
         recorder = recorder_for(parts.device) if plan.records_steps else None
         self.updates = Update(parts, self._stopwatch, recorder)
         self._memory = MemoryWatch(plan.checks_memory, parts.device)
-        self._checkpointed = -1
-        self._refined: Counter[str] = Counter()
+        self.checkpoints = Checkpoints(self._stopwatch)
         views = parts.data.views(Split.TRAIN)
         self.walk = Walk(plan.pace, views, plan.held_back, timekeeper, goal)
-        self._names = views.names
-        self._widths = [camera.width for camera in views.cameras]
         self._handle: ModelHandle | None = None
         if not parts.team.shares_rendering:
             self._handle = ModelHandle(parts.shown, parts.rasterizer, plan.settings)
+        self._reports = StepReports(views, self._stopwatch, self._handle)
         self._verdict = Verdict(parts, plan, info.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
@@ -85,8 +83,8 @@ class Trainer:
         """
         with deterministic(self.parts.device), self.updates.working():
             try:
-                if self._checkpointed != self.walk.updates:
-                    self._checkpoint()  # Also checks that the folder is writable.
+                if not self.checkpoints.are_current(self):
+                    self.checkpoints.write(self)  # Also checks that the folder is writable.
                 self.callbacks.on_start(self._started(), self.control)
                 release_freed_memory()  # That of the start.
                 self._stopwatch.restart()
@@ -132,7 +130,7 @@ class Trainer:
         # In haste many steps pass in little time: evaluations due in them wait for the end.
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
-        resolution = self._resolution(rendered[0]) if rendered else 1.0
+        resolution = self._reports.resolution(rendered[0]) if rendered else 1.0
         look = partial(mean_psnr, self.parts, self.plan)
         self.walk.decide(self.step, self.plan.steps, len(self.parts.table), resolution, look)
 
@@ -159,12 +157,12 @@ class Trainer:
                 limits,
                 parts.operators,
             )
-            self._refined.update(edits)
+            self._reports.count(edits)
         return edits
 
     # After a step. Here, and in refinements, the host reads GPU results, and waits for them.
 
-    def _catch_up(self) -> None:
+    def catch_up(self) -> None:
         """Wait for the steps that a GPU has not finished: their time is training time."""
         started = time.perf_counter()
         wait_for(self.parts.device)
@@ -189,12 +187,12 @@ class Trainer:
         is_evaluated = any(
             evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
         )
-        if is_evaluated and is_calm and self._takes_part:
+        if is_evaluated and is_calm and self.parts.team.evaluates:
             self._evaluate()
             self._stopwatch.restart()
         due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
         if due or self.control.checkpoint_requested:
-            self._checkpoint()
+            self.checkpoints.write(self)
 
     def _resets_after(self, done: int) -> bool:
         """True if opacities are reset after ``done`` steps."""
@@ -202,41 +200,10 @@ class Trainer:
 
     @torch.no_grad()
     def _report(self, rendered: list[RenderedBatch]) -> None:
-        self._catch_up()
-        team = self.parts.team
-        # Processes that share rendering have the same images, and their own rows.
-        named = rendered if team.leads or not team.shares_rendering else without_data(rendered)
-        own = (shared_losses(named), peak_memory_mb(self.parts.device))
-        losses, memory = map(_summed, zip(*team.gathered(own), strict=True))
-        if not team.leads:
-            return
-        context = rendered[0].context
-        valid = None if context.batch.valid is None else context.batch.valid[0]
-        name = self._names[context.batch.views[0]]
-        step_ms, stage_ms = self._stopwatch.read()
-        report = StepReport(
-            step=self.step,
-            loss=sum(losses.values()),
-            losses=losses,
-            psnr=psnr(context.rendered.color[0], context.target[0], valid),
-            num_gaussians=len(self.parts.table),
-            learning_rates=self.parts.optimizer.learning_rates(self.step - 1),
-            step_ms=step_ms,
-            stage_ms=stage_ms,
-            memory_mb=memory,
-            skipped_steps=self.updates.skipped,
-            resolution=self._resolution(rendered[0]),
-            refined=dict(self._refined),
-            view=TrainingView(name, context.target[0], context.rendered.color[0].detach()),
-            model=self._handle,
-        )
-        self._refined.clear()
-        self.callbacks.on_step(report, self.control)
-
-    def _resolution(self, item: RenderedBatch) -> float:
-        """Width of the images of a batch over their full width."""
-        batch = item.context.batch
-        return batch.cameras.width / self._widths[batch.views[0]]
+        self.catch_up()
+        report = self._reports.make(self.step, rendered, self.parts, self.updates)
+        if report is not None:
+            self.callbacks.on_step(report, self.control)
 
     def _check_skipped(self, rendered: list[RenderedBatch]) -> None:
         """Stop after too many steps in a row that were not finite; reads the flag rarely.
@@ -244,12 +211,12 @@ class Trainer:
         Only the first of several processes does, and ends the others, unless all have to
         write the state together.
         """
-        if not self._takes_part:
+        if not self.parts.team.evaluates:
             return
-        self._catch_up()
+        self.catch_up()
         skipped_in_a_row = self.updates.skipped_in_a_row
         if skipped_in_a_row >= self.plan.max_skipped:
-            self._checkpoint()  # Skipped steps change no parameter: the state is finite.
+            self.checkpoints.write(self)  # Skipped steps change no parameter: the state is finite.
             if not self.parts.team.leads:
                 return
             raise TrainingError(
@@ -261,7 +228,7 @@ class Trainer:
 
     def _evaluate(self) -> Evaluation:
         """Evaluate; other processes wait for the first one in their next step."""
-        self._catch_up()
+        self.catch_up()
         with self.walk.apart():
             evaluation = self._judged()
             self.callbacks.on_evaluation(self.step, evaluation, self.control)
@@ -285,10 +252,10 @@ class Trainer:
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
-        if not self._takes_part:
+        if not self.parts.team.evaluates:
             return {"completed": completed}
-        if self._checkpointed != self.walk.updates:
-            self._checkpoint()
+        if not self.checkpoints.are_current(self):
+            self.checkpoints.write(self)
         self.updates.give_up()
         summary: dict[str, Any] = {"completed": completed}
         if completed:
@@ -300,61 +267,11 @@ class Trainer:
             summary["stopped"] = self.control.stop_reason
         team = self.parts.team
         self.parts = team.reunited(self.parts, self.folder.path)
-        summary |= {
-            "num_gaussians": len(self.parts.table),
-            "train_seconds": round(self.train_seconds, 3),
-            "steps": self.step,
-            **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
-            "skipped_steps": self.updates.skipped,
-            **self._sizes(),
-            **team.summary(),
-            **self.parts.corrections.summary(),
-            "optimizer_bytes": self.parts.optimizer.num_bytes(),
-            **memory_summary(self.parts.device),
-        }
+        summary |= final_figures(self, team)
         self.callbacks.on_end(self.step, summary)
         return summary
 
-    def _sizes(self) -> dict[str, int | float]:
-        """Figures of the model; of a moving scene also the mean bytes of a captured time."""
-        sizes, times = dict(self.parts.model.summary()), self.parts.data.scene.num_times
-        if times > 1:
-            sizes["bytes_per_time"] = round(sizes["model_bytes"] / times)
-        return sizes
-
     # State.
-
-    @property
-    def _takes_part(self) -> bool:
-        """True if this process evaluates and gathers checkpoints: the first one, or all."""
-        return self.parts.team.leads or self.parts.team.shares_rendering
-
-    def _checkpoint(self) -> None:
-        self._catch_up()
-        if not self._takes_part:
-            return
-        self._checkpointed = self.walk.updates
-        state = self.parts.team.whole(self.state_dict(), self.parts, self.folder.path)
-        if state is None:
-            return
-        with stage("writing a checkpoint"), self.walk.apart():
-            path = self.folder.write_checkpoint(self.step, state)
-            release_freed_memory()  # That of writing, which steps do not need.
-        self.control.checkpoint_requested = False
-        with self._stopwatch.paused():
-            self.callbacks.on_checkpoint(self.step, path)
-
-    def keep_state(self, together: bool = False) -> None:
-        """Write a checkpoint in place of further steps, if none has changed a part of the state.
-
-        Views that an unfinished step has drawn count as seen.
-
-        Args:
-            together: true if all processes of the team do so between the same two steps.
-        """
-        is_whole = (together or self.parts.team.size == 1) and not self.updates.is_underway
-        if is_whole and self._checkpointed != self.walk.updates:
-            self._checkpoint()
 
     def state_dict(self) -> dict[str, Any]:
         """All state of the training: tensors and plain data."""
@@ -391,9 +308,4 @@ class Trainer:
         self.updates.load_state_dict(state)
         self.step = state["step"]
         self.walk.load_state_dict(state.get("walk"), self.step)
-        self._checkpointed = self.walk.updates
-
-
-def _summed(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Sums by name."""
-    return {name: sum(part.get(name, 0.0) for part in parts) for part in parts for name in part}
+        self.checkpoints.loaded(self)

@@ -5,6 +5,7 @@ import torch
 from support.memory_training import Recorder, trainer
 
 from gsfw.core.errors import TrainingError
+from gsfw.core.loop.checkpoints import Checkpoints
 from gsfw.core.loop.full_memory import shortage
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.run_folder import read_checkpoint
@@ -93,10 +94,10 @@ def test_what_a_step_has_allocated_is_given_up_before_the_checkpoint(tmp_path, m
     full_at(monkeypatch, Update, "_complete")  # After the backward pass.
     found = []
 
-    def look(self) -> None:
-        found.extend(gradient for gradient in self.parts.optimizer.gradients())
+    def look(self, trainer: Trainer) -> None:
+        found.extend(trainer.parts.optimizer.gradients())
 
-    monkeypatch.setattr(Trainer, "keep_state", look)
+    monkeypatch.setattr(Checkpoints, "keep", look)
     refused(tmp_path)
     assert not any(gradient.count_nonzero() for gradient in found)
 
