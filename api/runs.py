@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import logging
-import threading
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final
 
+from gsfw.api.calling import ALONE, calling
+from gsfw.api.given_settings import as_words, by_key, layers_of
 from gsfw.api.named_settings import without_settings_as_arguments
-from gsfw.commands.interface.arguments import expanded, full_key
 from gsfw.commands.interface.caller import Caller
-from gsfw.commands.interface.console import Console, LoggedWarnings, ProgramConsole
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, without_inner_frames
 from gsfw.core.loop.run_folder import RunFolder
@@ -29,16 +26,12 @@ if TYPE_CHECKING:
     from gsfw.core.callback import Callback
     from gsfw.core.cameras import Cameras
     from gsfw.core.loop.evaluation import Evaluation
-    from gsfw.core.loop.trainer import Trainer
     from gsfw.core.render_output import RenderOutput
     from gsfw.plugins.restore import Restored
     from gsfw.plugins.settings import Layer
     from gsfw.reports.run_record import RunRecord
 
 __all__ = ["Run", "open", "train"]
-
-_ALONE = threading.RLock()
-"""Held while a run trains or is evaluated: both change settings of torch that all threads share."""
 
 
 @without_inner_frames
@@ -89,8 +82,8 @@ def train(
         **{"method": method, "data": data, "out": out, "preset": preset, "steps": steps},
         **{"minutes": minutes, "until": until, "seed": seed, "device": device},
     }
-    values = _values(given, settings)
-    with _calling(callbacks, progress) as caller:
+    values = by_key(given, settings)
+    with calling(callbacks, progress) as caller:
         code, folder = _train(values, caller)
     return _ended(code, Run(folder))
 
@@ -139,7 +132,7 @@ class Run:
         self.folder, self.checkpoint = folder.absolute(), checkpoint
         self._data, self._device = data, device
         values = {"data": data, "device": None if device == AUTO else device}
-        self._changed = _values(values, None)
+        self._changed = by_key(values, None)
 
     @cached_property
     def _record(self) -> RunRecord:
@@ -225,7 +218,7 @@ class Run:
         from gsfw.commands.eval import evaluate_run
         from gsfw.core.datamanager import Split
 
-        with _ALONE:
+        with ALONE:
             return evaluate_run(self._restored, Split(split))
 
     def export(
@@ -264,10 +257,10 @@ class Run:
         """
         from gsfw.commands.resume import check_changeable, resume_run
 
-        changed = {**self._changed, **_values({"steps": steps}, settings)}
+        changed = {**self._changed, **by_key({"steps": steps}, settings)}
         check_changeable(changed)
-        command = ["resume", str(self.folder), *_texts(changed)]
-        with _calling(callbacks, progress) as caller:
+        command = ["resume", str(self.folder), *as_words(changed)]
+        with calling(callbacks, progress) as caller:
             code = resume_run(self._found, changed, command, caller, clock.perf_counter())
         return _ended(code, Run(self.folder, data=self._data, device=self._device))
 
@@ -295,7 +288,7 @@ def _train(values: Mapping[str, object], caller: Caller) -> tuple[int, Path]:
     from gsfw.plugins.settings import resolve
 
     began, registry = clock.perf_counter(), installed()
-    given = spelled_out(_layers(values))
+    given = spelled_out(layers_of(values))
     announce(given, registry, caller.console)
     with stage("loading torch and the method"):
         settings = resolve(registry, given)
@@ -304,85 +297,12 @@ def _train(values: Mapping[str, object], caller: Caller) -> tuple[int, Path]:
 
     config = settings.config
     check_started(config.processes)
-    command = ["train", *_texts(values)]
+    command = ["train", *as_words(values)]
     with joined(config.processes, config.shards, config.device) as team:
         new = new_training(settings, given, registry, command, began, team)
         caller.console.say(str(new))
         code, folder = new.train(caller, registry, team)
     return code, folder.path
-
-
-def _values(given: Mapping[str, object], settings: Mapping[str, object] | None) -> dict[str, Any]:
-    """All settings by dotted key, without arguments that were left out.
-
-    Raises:
-        ConfigError: a setting is given twice.
-    """
-    found = {key: value for key, value in given.items() if value is not None}
-    for name, value in (settings or {}).items():
-        key = full_key(name.replace("-", "_"))
-        if key in found:
-            raise ConfigError(f"{key} is given twice.", f"Leave it out of settings: {name!r}.")
-        found[key] = value
-    return {
-        key: expanded(str(it)) if isinstance(it, str | Path) else it for key, it in found.items()
-    }
-
-
-def _layers(values: Mapping[str, object]) -> list[Layer]:
-    """Layers of the settings, as those of a command line: a config file, then the others."""
-    from gsfw.plugins.config_file import read_config
-    from gsfw.plugins.settings import COMMAND_LINE, Layer
-
-    others = {key: value for key, value in values.items() if key != "config"}
-    files = [read_config(Path(str(values["config"])))] if "config" in values else []
-    return [*files, Layer(COMMAND_LINE, others)]
-
-
-def _texts(values: Mapping[str, object]) -> list[str]:
-    """Settings as words of a command line."""
-    from gsfw.plugins.values import as_text
-
-    return [f"{key}={as_text(value)}" for key, value in values.items()]
-
-
-@contextmanager
-def _calling(callbacks: Sequence[Callback], progress: bool) -> Iterator[Caller]:
-    """The program that calls gsfw, alone; warnings and slow stages are printed if it wants that.
-
-    Raises:
-        ConfigError: a callback is none.
-    """
-    from gsfw.commands.interface.progress import SlowStages
-    from gsfw.core.callback import Callback
-    from gsfw.core.progress import shown_by
-
-    watching = tuple(callbacks) if isinstance(callbacks, Iterable) else None
-    if watching is None or not all(isinstance(callback, Callback) for callback in watching):
-        raise ConfigError(
-            f"callbacks={callbacks!r}: expected a list of gsfw.api.Callback.",
-            "Derive from it, and give an object of your class: callbacks=[MyCallback()]",
-        )
-    console = ProgramConsole(is_quiet=not progress)
-    with _ALONE, ExitStack() as stack:
-        if progress:
-            stack.enter_context(shown_by(SlowStages().stage))
-        if progress and not logging.getLogger().handlers:  # A program with some prints them itself.
-            stack.enter_context(LoggedWarnings(console).shown())
-        for broken in installed().broken:
-            console.warn(str(broken))
-        yield Caller(console, _train_in_program, watching, progress)
-
-
-def _train_in_program(trainer: Trainer, console: Console) -> int:
-    """Train to the end, or until Ctrl-C; the exit code."""
-    from gsfw.commands.interface.failure import INTERRUPTED
-    from gsfw.commands.interface.interrupt import stop_on_signal, unclaimed_signals
-    from gsfw.commands.interface.training import train_to_end
-
-    with stop_on_signal(trainer.control, unclaimed_signals()) as interrupt:
-        summary = train_to_end(trainer, console)
-    return INTERRUPTED if interrupt.received and not summary["completed"] else 0
 
 
 def _ended(code: int, run: Run) -> Run:
