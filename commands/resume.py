@@ -22,7 +22,7 @@ from gsfw.commands.interface.team import (
     with_processes,
 )
 from gsfw.core.config import AUTO
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import other_place
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import did_you_mean, installed
@@ -195,11 +195,18 @@ def _trainer(
 
 def _opened(found: RunArgument, changed: Mapping[str, Any], team: Team) -> Restored:
     """The run with its checkpoint, for a team of processes."""
+    from gsfw.core.loop.run_folder import MODEL_ALONE
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
     layer = Layer(COMMAND_LINE, changed)
     restored = restore(found.folder, installed(), found.checkpoint, layer)
+    if MODEL_ALONE in restored.state:
+        raise DataError(
+            f"{found.checkpoint} has the model alone: no checkpoint could hold the state of its "
+            "run, and training cannot continue from it.",
+            f"Continue from the latest checkpoint: gsfw resume {found.folder.path}",
+        )
     return replace(restored, composition=restored.composition.shared_by(team))
 
 

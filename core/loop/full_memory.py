@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from gsfw.core.errors import NotEnoughMemoryError, OutputError, TrainingError
+from gsfw.core.errors import NotEnoughMemoryError, TrainingError, UserError
 from gsfw.core.loop.growth_limit import LIMITS
 from gsfw.core.machine_memory import MachineMemory
 from gsfw.core.words import size
@@ -53,7 +53,7 @@ def memory_full(error: torch.OutOfMemoryError, trainer: Trainer) -> TrainingErro
     if trainer.parts.device.type == "cuda":
         with suppress(RuntimeError):  # It refuses after a recording that has failed.
             torch.cuda.empty_cache()
-    with suppress(torch.OutOfMemoryError, OutputError, ValueError):  # The last one stays.
+    with suppress(torch.OutOfMemoryError, UserError):  # The last one stays.
         trainer.checkpoints.keep(trainer)
     return TrainingError(
         f"the GPU's memory is full after {trainer.step} steps, with "
@@ -69,7 +69,7 @@ def main_memory_full(trainer: Trainer, memory: MachineMemory) -> NotEnoughMemory
         trainer: between two steps, as those of all processes are.
         memory: that is left.
     """
-    with suppress(OutputError, ValueError):  # The last one stays.
+    with suppress(UserError):  # The last one stays.
         trainer.checkpoints.keep(trainer, together=True)
     return NotEnoughMemoryError(
         f"memory is full after {trainer.step} steps, with {len(trainer.parts.table):,} Gaussians: "

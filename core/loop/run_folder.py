@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 CHECKPOINT_SCHEMA = 2
 """Version of the checkpoint layout; raised when an older gsfw could not read a newer file."""
 
+MODEL_ALONE = "model_alone"
+"""Key of files that have a model without the rest of the state of its run."""
+
 LONGEST_NAME = 1000
 """Characters of a name in a checkpoint's pickle: those of torch have fewer than 100."""
 _STEP = re.compile(r"step_(\d+)\.pt$")
@@ -32,18 +35,22 @@ CHECKED_AT_ONCE = 1 << 20
 """Values of a tensor that are checked at once: a check takes twice their memory."""
 
 
+class NotFiniteError(ValueError):
+    """A tensor of a state holds a NaN or an infinity."""
+
+
 def check_finite(state: object, where: str = "") -> None:
     """Check every floating-point tensor of a nested state.
 
     Raises:
-        ValueError: a tensor holds a NaN or an infinity; names the first such tensor.
+        NotFiniteError: a tensor holds a NaN or an infinity; names the first such tensor.
     """
     import torch  # Not at the top: gsfw runs lists the files of runs without it.
 
     if isinstance(state, torch.Tensor):
         parts = state.flatten().split(CHECKED_AT_ONCE) if state.is_floating_point() else ()
         if not all(bool(part.isfinite().all()) for part in parts):
-            raise ValueError(f"{where} is not finite")
+            raise NotFiniteError(f"{where} is not finite")
     elif isinstance(state, Mapping):
         for key, value in state.items():
             check_finite(value, f"{where}.{key}" if where else str(key))
@@ -142,14 +149,46 @@ class RunFolder:
         Later ones are deleted: they belong to a run before its resume from an earlier step.
 
         Raises:
-            ValueError: a tensor is not finite (nothing is written).
+            NotFiniteError: a tensor is not finite (nothing is written).
             OutputError: it cannot be written; earlier checkpoints are untouched.
         """
+        path = self.checkpoint(step)
+        self._write_state(path, step, state)
+        kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
+        partial = self.checkpoints.glob(f".step_*{PARTIAL}")  # Of a process that was killed.
+        passed = [other for other in self._models() if other <= self._model(step)]
+        for other in (*self._all_checkpoints(), *partial, *passed):
+            if other not in kept:
+                other.unlink(missing_ok=True)
+        return path
+
+    def write_model(self, step: int, state: Mapping[str, Any]) -> Path:
+        """Write the model of a run whose state no checkpoint can hold, atomically.
+
+        It opens as a checkpoint does, and training cannot continue from it. It is deleted once a
+        checkpoint after as many steps is written.
+
+        Raises:
+            NotFiniteError: a tensor is not finite (nothing is written).
+            OutputError: it cannot be written.
+        """
+        path = self._model(step)
+        self._write_state(path, step, {**state, MODEL_ALONE: True})
+        return path
+
+    def _model(self, step: int) -> Path:
+        return self.checkpoints / f"model_{step:09d}.pt"
+
+    def _models(self) -> Iterator[Path]:
+        """The models that were written without the rest of their states."""
+        return self.checkpoints.glob("model_*.pt")
+
+    def _write_state(self, path: Path, step: int, state: Mapping[str, Any]) -> None:
+        """Write a state atomically."""
         import torch
 
         check_finite(state)
         self._check_there()
-        path = self.checkpoint(step)
         with atomic_file(path) as file:
             try:
                 torch.save({"schema": CHECKPOINT_SCHEMA, "step": step, **state}, file)
@@ -157,12 +196,6 @@ class RunFolder:
                 if isinstance(error.__context__, OSError):  # torch hides that the disk is full.
                     raise error.__context__ from None
                 raise
-        kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
-        partial = self.checkpoints.glob(f".step_*{PARTIAL}")  # Of a process that was killed.
-        for other in (*self._all_checkpoints(), *partial):
-            if other not in kept:
-                other.unlink(missing_ok=True)
-        return path
 
     @property
     def is_finished(self) -> bool:

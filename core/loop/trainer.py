@@ -78,7 +78,8 @@ class Trainer:
                 callbacks are closed.
 
         Raises:
-            TrainingError: too many steps in a row were not finite, or the GPU's memory is full.
+            TrainingError: too many steps in a row were not finite, the GPU's memory is full, or no
+                checkpoint can hold the state of a part.
             OutputError: a checkpoint could not be written.
         """
         with deterministic(self.parts.device), self.updates.working():
@@ -204,6 +205,7 @@ class Trainer:
         report = self._reports.make(self.step, rendered, self.parts, self.updates)
         if report is not None:
             self.callbacks.on_step(report, self.control)
+        self.checkpoints.check(self)
 
     def _check_skipped(self, rendered: list[RenderedBatch]) -> None:
         """Stop after too many steps in a row that were not finite; reads the flag rarely.

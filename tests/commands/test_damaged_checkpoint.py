@@ -87,3 +87,16 @@ def test_a_module_that_a_model_has_got_since_is_named(run, capsys):
     said = capsys.readouterr().err
     assert "cannot take its state: RuntimeError: " in said
     assert "has changed since" not in said, "it is no plugin's"
+
+
+def test_a_model_without_the_rest_of_its_state_is_evaluated_and_not_resumed(run, capsys):
+    state = torch.load(run.latest_checkpoint(), weights_only=True)
+    model = {key: state[key] for key in ("model", "corrections", "environment")}
+    path = run.write_model(state["step"] - 1, model)
+    assert main(["eval", str(path)]) == 0
+    assert main(["resume", str(path)]) == 2
+    assert capsys.readouterr().err.endswith(
+        f"error: {path} has the model alone: no checkpoint could hold the state of its run, and "
+        "training cannot continue from it.\n"
+        f"Continue from the latest checkpoint: gsfw resume {run.path}\n"
+    )
