@@ -72,7 +72,7 @@ class Worth:
         degree = _drawn_degree(subject.splats(still, camera))
         scores = _scores(subject, data, device)
         variants: list[Edit] = [
-            lambda splats: splats,
+            lambda splats, camera: splats,
             *(ShTruncation(lower) for lower in reversed(range(degree))),
             *(Kept(most_useful_part(scores, 1 - part)) for part in _parts(scores)),
         ]
@@ -141,7 +141,7 @@ def _psnr(
         valid = None if batch.valid is None else batch.valid[0]
         camera = batch.cameras
         splats = subject.splats(batch.time, camera)
-        drawn = [edit(splats) for edit in variants]
+        drawn = [edit(splats, camera) for edit in variants]
         drawn += [] if still is None else [subject.splats(still, camera)]
         images = (subject.image(item, camera) for item in drawn)
         found.append([psnr(image, target, valid) for image in images])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 
@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
@@ -22,7 +23,7 @@ class Kept(Cut):
 
     rows: Int[Tensor, " m"]
 
-    def __call__(self, splats: Splats) -> Splats:
+    def __call__(self, splats: Splats, camera: Cameras | None = None) -> Splats:
         """The splats of these rows, as far as they are among the given ones."""
         if splats.rows is None:
             return splats.take(self.rows)
@@ -39,7 +40,7 @@ class ShTruncation(Cut):
 
     degree: int
 
-    def __call__(self, splats: Splats) -> Splats:
+    def __call__(self, splats: Splats, camera: Cameras | None = None) -> Splats:
         """The splats with colours of at most this degree; plain channels are unchanged."""
         colors = splats.colors
         if not isinstance(colors, Sh) or colors.degree <= self.degree:
@@ -89,7 +90,7 @@ class TemporalCulling:
     opacity: float
     """The least opacity that is rendered, in [0, 1]."""
 
-    def __call__(self, splats: Splats) -> Splats:
+    def __call__(self, splats: Splats, camera: Cameras | None = None) -> Splats:
         """The splats that are opaque enough, in the same order."""
         drawn = splats.opacities >= self.opacity
         return splats.take(drawn.nonzero()[:, 0])
@@ -104,20 +105,35 @@ THERE = 0.5
 
 
 @torch.no_grad()
-def by_motion(subject: Subject) -> Int[Tensor, " n"]:
+def by_motion(subject: Subject, cameras: Sequence[Cameras]) -> Int[Tensor, " n"]:
     """Rows of a model in the order of their motion, the least first.
 
     Motion is the largest distance from the position in the middle of the sequence. Rows that are
-    absent at some of the times come last, in the order of the number of these times.
+    absent at some of the times come last, in the order of the number of these times. If the splats
+    of the model depend on the view, both are the largest for any camera.
+
+    Args:
+        subject: the model.
+        cameras: views of it; at least one.
     """
+    views = cameras if subject.model.depends_on_view else [None]
+    seen = [_motion(subject, camera) for camera in views]
+    distances, absences = (torch.stack(values).amax(0) for values in zip(*seen, strict=True))
+    order = distances.argsort(stable=True)
+    return order[absences[order].argsort(stable=True)]
+
+
+def _motion(
+    subject: Subject, camera: Cameras | None
+) -> tuple[Float[Tensor, " n"], Int[Tensor, " n"]]:
+    """Motion of each row for a camera, and the number of times at which it is absent."""
     device = next(iter(subject.model.columns().values())).values.device
     times = torch.linspace(0.0, 1.0, INSTANTS, device=device)
-    found = [_everywhere(subject.splats(time), subject.model.num_rows) for time in times]
+    found = [_everywhere(subject.splats(time, camera), subject.model.num_rows) for time in times]
     means, opacities = (torch.stack(values) for values in zip(*found, strict=True))
     there = (opacities > 0) & (opacities >= THERE * opacities.amax(0))
     distances = (means - means[INSTANTS // 2]).norm(dim=2)
-    order = distances.where(there, 0.0).amax(0).argsort(stable=True)
-    return order[(~there).sum(0)[order].argsort(stable=True)]
+    return distances.where(there, 0.0).amax(0), (~there).sum(0)
 
 
 def _everywhere(splats: Splats, count: int) -> tuple[Float[Tensor, "n 3"], Float[Tensor, " n"]]:
@@ -137,21 +153,28 @@ class StaticConversion(Cut):
 
     rows: Int[Tensor, " m"]
     """Rows that become static."""
-    held: Splats
-    """Their splats at all times, in the order of rows."""
+    held: Callable[[Cameras | None], Splats]
+    """Their splats at all times for a camera, in the order of rows."""
 
     @staticmethod
     def of(subject: Subject, rows: Int[Tensor, " m"]) -> StaticConversion:
         """Take some rows of a model as they are in the middle of the sequence."""
-        middle = subject.splats(torch.tensor(MIDDLE, device=rows.device))
-        return StaticConversion(rows, _chosen(middle, torch.isin(_rows(middle), rows)))
 
-    def __call__(self, splats: Splats) -> Splats:
+        def held(camera: Cameras | None) -> Splats:
+            middle = subject.splats(torch.tensor(MIDDLE, device=rows.device), camera)
+            return _chosen(middle, torch.isin(_rows(middle), rows))
+
+        if subject.model.depends_on_view:
+            return StaticConversion(rows, held)
+        always = held(None)
+        return StaticConversion(rows, lambda _: always)
+
+    def __call__(self, splats: Splats, camera: Cameras | None = None) -> Splats:
         """The splats of a time in the order of rows; static rows have their held splats."""
         if not len(self.rows):
             return splats
         changing = _chosen(splats, ~torch.isin(_rows(splats), self.rows))
-        everything = Splats.cat([changing, self.held])
+        everything = Splats.cat([changing, self.held(camera)])
         return everything.take(_rows(everything).argsort())
 
     def left_of(self, storage: Storage) -> Storage:

@@ -114,7 +114,7 @@ def _all(subject: Subject) -> Callable[[Splats], Splats]:
 
     def edit(splats: Splats) -> Splats:
         for one in subject.edits:
-            splats = one(splats)
+            splats = one(splats, None)
         return splats
 
     return edit

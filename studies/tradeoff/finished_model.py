@@ -134,7 +134,7 @@ class FinishedModel:
     @cached_property
     def by_motion(self) -> Int[Tensor, " n"]:
         """Rows of a moving model, the least motion first."""
-        return by_motion(self.subject)
+        return by_motion(self.subject, self.cameras)
 
     def fingerprint(self) -> str:
         """Hash of everything that accuracy depends on: parameters, views, and rendering."""

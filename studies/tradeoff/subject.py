@@ -18,8 +18,8 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
 
-Edit = Callable[[Splats], Splats]
-"""Changes the splats of any time before they are rendered or written."""
+Edit = Callable[[Splats, Cameras | None], Splats]
+"""Changes the splats of any time before they are rendered for a camera, or written (``None``)."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,12 @@ class Subject:
     ) -> Splats:
         """The splats at ``time`` in [0, 1], which a static model ignores.
 
-        Without a ``camera`` they are those of files.
+        Without a ``camera`` they are those of files. The model sees it in the size of its render.
         """
-        splats = self.model.splats(time, camera) if self.read is None else self.read
+        seen = None if camera is None else self._rendered_as(camera)
+        splats = self.model.splats(time, seen) if self.read is None else self.read
         for edit in self.edits:
-            splats = edit(splats)
+            splats = edit(splats, camera)
         return splats.map(lambda tensor: tensor.detach().to(self.dtype))
 
     def splats_of(self, cameras: Sequence[Cameras]) -> Iterator[Splats]:
@@ -75,10 +76,14 @@ class Subject:
         Raises:
             ValueError: the splats have values that cannot be drawn.
         """
-        sides = (max(1, round(side / self.shrink)) for side in (camera.width, camera.height))
         settings = in_dtype(self.settings, self.dtype)
-        small = camera.resized(*sides).to(dtype=self.dtype)
-        return self.rasterizer.render(splats, small, settings)
+        seen = self._rendered_as(camera).to(dtype=self.dtype)
+        return self.rasterizer.render(splats, seen, settings)
+
+    def _rendered_as(self, camera: Cameras) -> Cameras:
+        """The same view in the size of its render."""
+        sides = (max(1, round(side / self.shrink)) for side in (camera.width, camera.height))
+        return camera.resized(*sides)
 
     @torch.no_grad()
     def image(self, splats: Splats, camera: Cameras) -> Float[Tensor, "h w 3"]:

@@ -7,6 +7,7 @@ import pytest
 import torch
 from support.moving_splats import at, spacetime
 from support.scenes import front_camera, random_splats
+from support.view_models import ByView
 
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
@@ -169,7 +170,7 @@ def test_every_form_of_colours_stays_with_its_row(form):
     now = random_splats(12, degree=2)
     now = replace(now, colors=form(now.colors))
     held = replace(now, means=now.means + 1, rows=torch.arange(12)).take(ROWS)
-    found = StaticConversion(ROWS, held)(now)
+    found = StaticConversion(ROWS, lambda camera: held)(now)
     is_still = torch.isin(torch.arange(12), ROWS)
     assert torch.equal(found.means, now.means + is_still[:, None])
     colors, expected = found.colors, now.colors
@@ -178,20 +179,28 @@ def test_every_form_of_colours_stays_with_its_row(form):
     assert torch.equal(colors, expected)
 
 
-def test_rows_come_in_the_order_of_how_far_they_go_and_those_that_come_and_go_last():
-    model = spacetime(4)
+def at_rest(count):
+    """Gaussians that are always there and do not move."""
+    model = spacetime(count)
     columns = model.columns()
     with torch.no_grad():
         columns["opacity_logits"].values.fill_(2.0)
         columns["time_centers"].values.fill_(0.5)
         columns["log_durations"].values.fill_(math.log(10.0))
-        columns["log_durations"].values[1] = math.log(0.2)
         columns["motion"].values.zero_()
+    return model
+
+
+def test_rows_come_in_the_order_of_how_far_they_go_and_those_that_come_and_go_last():
+    model = at_rest(4)
+    columns = model.columns()
+    with torch.no_grad():
+        columns["log_durations"].values[1] = math.log(0.2)
         columns["motion"].values[:, 0, 0] = torch.tensor([0.3, 0.0, -0.1, 0.2])
-    assert by_motion(subject_of(model)).tolist() == [2, 3, 0, 1]
+    assert by_motion(subject_of(model), [front_camera()]).tolist() == [2, 3, 0, 1]
     with torch.no_grad():  # This one is gone for longer.
         columns["log_durations"].values[0] = math.log(0.05)
-    assert by_motion(subject_of(model)).tolist() == [2, 3, 1, 0]
+    assert by_motion(subject_of(model), [front_camera()]).tolist() == [2, 3, 1, 0]
 
 
 def test_kept_rows_are_the_same_in_every_form_of_colours():
@@ -205,3 +214,38 @@ def test_kept_rows_are_the_same_in_every_form_of_colours():
         assert torch.equal(kept.means, splats.means[rows])
         assert torch.equal(kept.opacities, splats.opacities[rows])
         assert torch.equal(kept.colors.dense(), splats.colors.dense()[rows])
+
+
+class Parallax(ByView):
+    """Another model, whose row 0 moves for cameras alone, by as much as the camera is wide."""
+
+    def splats(self, time=None, cameras=None):
+        splats = self.given.splats(time, cameras)
+        if cameras is None:
+            return splats
+        means = splats.means.clone()
+        means[0, 0] += cameras.width * time
+        return replace(splats, means=means)
+
+
+def test_motion_and_static_rows_are_those_that_a_camera_sees():
+    model = at_rest(4)
+    with torch.no_grad():
+        model.columns()["motion"].values[1, 0, 0] = 0.1
+    camera = front_camera(dtype=torch.float64)
+    subject = subject_of(Parallax(model))
+    assert by_motion(subject_of(model), [camera]).tolist() == [0, 2, 3, 1]
+    assert by_motion(subject, [camera.resized(1, 1), camera]).tolist() == [2, 3, 1, 0]
+    still = converted(subject, torch.arange(4))
+    middle, wide = subject.splats(at(0.5), camera), camera.resized(2 * camera.width, camera.height)
+    assert torch.equal(still.splats(at(1.0), camera).means, middle.means)
+    assert torch.equal(still.splats(at(1.0), wide).means, subject.splats(at(0.5), wide).means)
+    assert not torch.equal(still.splats(at(1.0), wide).means, middle.means)
+
+
+def test_smaller_renders_have_the_splats_of_smaller_cameras():
+    camera = front_camera(32, 24, dtype=torch.float64)
+    subject = subject_of(Parallax(at_rest(4)))
+    halved = replace(subject, shrink=2)
+    expected = subject.splats(at(1.0), camera.resized(16, 12))
+    assert torch.equal(halved.splats(at(1.0), camera).means, expected.means)

@@ -219,7 +219,11 @@ def test_what_cannot_be_drawn_is_a_failure_with_its_reason(model, variants, tmp_
     def ruined(subject):
         return dataclasses.replace(
             subject,
-            edits=(lambda splats: dataclasses.replace(splats, scales=splats.scales * torch.inf),),
+            edits=(
+                lambda splats, camera: dataclasses.replace(
+                    splats, scales=splats.scales * torch.inf
+                ),
+            ),
         )
 
     broken = dataclasses.replace(variants[("precision", "fp16")], change=ruined)
