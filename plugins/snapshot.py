@@ -16,6 +16,7 @@ from gsfw.core.maths.spherical_harmonics import rgb_to_dc
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
+from gsfw.core.view_dependence import differs_by_view
 
 CHUNK = 1 << 16
 """Rows whose values are checked at once."""
@@ -60,24 +61,14 @@ def snapshot(
     )
 
 
-@torch.no_grad()
 def view_notes(
     model: PrimitiveModel, camera: Cameras, time: Float[Tensor, ""] | None = None
 ) -> list[str]:
     """A warning if the splats of a view differ from those of ``snapshot``; empty for most models.
 
-    Extra channels may differ: no file of splats holds them.
-
-    Args:
-        model: source of the splats.
-        camera: a view, in the scene frame, on the device of the model.
-        time: in [0, 1]; a static model ignores it.
+    The arguments are those of ``differs_by_view``.
     """
-    if not model.depends_on_view:
-        return []
-    found = [model.splats(time, seen) for seen in (None, camera)]
-    alone, seen = (replace(splats, extra=None, rows=None).tensors() for splats in found)
-    if alone.keys() == seen.keys() and all(torch.equal(alone[name], seen[name]) for name in alone):
+    if not differs_by_view(model, camera, time):
         return []
     return [
         "the splats of this model depend on the view: a file of splats has those without a view, "

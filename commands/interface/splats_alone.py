@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from gsfw.commands.interface.runs import RunArgument
 from gsfw.core.errors import UserError
@@ -30,13 +31,18 @@ def or_splats_alone(
     if not is_run or data or step is not None or found.checkpoint is not None:
         return found
     folder = found.folder
-    gone = _gone_data(folder)
-    if not gone or not folder.splats.is_file() or not _is_still(folder):
+    gone, figures = _gone_data(folder), _final_figures(folder)
+    moves = "bytes_per_time" in figures
+    if not gone or not folder.splats.is_file() or not figures or moves:
         return found
+    seen = ""
+    if figures.get("depends_on_view"):
+        seen = " It may look different: the splats of the model depend on the view, and those of "
+        seen += "the file do not."
     warn(
         f"{folder.path} was trained on {gone}, which is not there any more. {folder.splats} takes "
-        "its place, without photos, with made-up cameras around it. If the data set is somewhere "
-        "else: data=PATH."
+        f"its place, without photos, with made-up cameras around it.{seen} If the data set is "
+        "somewhere else: data=PATH."
     )
     return replace(found, splat_file=folder.splats)
 
@@ -52,12 +58,12 @@ def _gone_data(folder: RunFolder) -> str:
     return ""
 
 
-def _is_still(folder: RunFolder) -> bool:
-    """True if the final figures of a finished run are those of a model that does not move."""
+def _final_figures(folder: RunFolder) -> Mapping[str, Any]:
+    """The final figures of a finished run; empty of another one, also if they are damaged."""
     if not folder.is_finished:
-        return False
+        return {}
     try:
         figures = parsed_json(folder.summary.read_text("utf-8"))
     except (OSError, ValueError):
-        return False
-    return isinstance(figures, dict) and "bytes_per_time" not in figures
+        return {}
+    return figures if isinstance(figures, dict) else {}

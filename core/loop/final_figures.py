@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from gsfw.core.datamanager import Split
 from gsfw.core.loop.memory import memory_summary
+from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.team import Team
+from gsfw.core.view_dependence import differs_by_view
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
@@ -26,6 +29,7 @@ def final_figures(trainer: Trainer, team: Team) -> dict[str, Any]:
         **({} if walk.updates == trainer.step else {"updates": walk.updates}),
         "skipped_steps": trainer.updates.skipped,
         **_sizes(trainer),
+        **_view_dependence(parts),
         **team.summary(),
         **parts.corrections.summary(),
         "optimizer_bytes": parts.optimizer.num_bytes(),
@@ -40,3 +44,9 @@ def _sizes(trainer: Trainer) -> dict[str, int | float]:
     if times > 1:
         sizes["bytes_per_time"] = round(sizes["model_bytes"] / times)
     return sizes
+
+
+def _view_dependence(parts: TrainingParts) -> dict[str, bool]:
+    """A note that files of splats hold less than the model; empty for most models."""
+    camera = parts.data.views(Split.TRAIN).cameras[0].to(parts.device)
+    return {"depends_on_view": True} if differs_by_view(parts.model, camera) else {}

@@ -52,6 +52,18 @@ def test_splats_are_exported_edited_and_rendered_without_the_photos(run, tmp_pat
     assert capsys.readouterr().err.count("takes its place") == 2
 
 
+def test_the_loss_of_view_dependence_is_told(run):
+    folder, warned = RunFolder(run), Warned()
+    figures = json.loads(folder.summary.read_text())
+    assert "depends_on_view" not in figures
+    folder.summary.write_text(json.dumps(figures | {"depends_on_view": True}))
+    _find(str(run), "", warned)
+    assert (
+        "around it. It may look different: the splats of the model depend on the view, and those "
+        "of the file do not. If the data set"
+    ) in warned.said[0]
+
+
 def test_the_viewer_opens_the_splats(run):
     warned = Warned()
     assert _find(str(run), "", warned).splat_file == run / "splats.ply"

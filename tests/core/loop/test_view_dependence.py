@@ -8,8 +8,10 @@ from support.view_models import ByView
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.loop.evaluation import render_model
+from gsfw.core.loop.final_figures import final_figures
 from gsfw.core.loop.rounded_model import RoundedModel
 from gsfw.core.render_settings import RenderSettings
+from gsfw.core.team import ALONE
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 
@@ -23,6 +25,13 @@ def test_each_view_of_a_step_gets_its_own_splats(tmp_path):
     with_parts(run, rendered=model).fit()
     assert set(model.asked) == {1}
     assert len(model.asked) >= 2 * 3
+
+
+def test_the_final_figures_tell_that_files_of_splats_are_without_the_view(tmp_path):
+    run = trainer(tmp_path, "none", Recorder(), steps=1)
+    assert "depends_on_view" not in final_figures(run, ALONE)
+    by_view = with_parts(run, model=ByView(run.parts.model))
+    assert final_figures(by_view, ALONE)["depends_on_view"] is True
 
 
 def test_the_views_of_a_step_share_the_splats_of_other_models(tmp_path):
