@@ -95,7 +95,7 @@ def psnr(model: FinishedModel, subject: Subject) -> float:
         background = subject.settings.background
         assert background is not None
         valid = None if batch.valid is None else batch.valid[0]
-        (splats,) = subject.splats_of([camera])
+        (splats,) = subject.splats_by_camera([camera])
         image = subject.image(splats, camera)
         values.append(metric(image, batch.target(background)[0], valid))
     return sum(values) / len(values)

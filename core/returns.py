@@ -97,7 +97,9 @@ def checked_splats(source: str, splats: object, num_rows: int | None) -> Splats:
     return splats
 
 
-def splats_of(model: PrimitiveModel, time: Float[Tensor, ""] | None, cameras: Cameras) -> Splats:
+def splats_to_render(
+    model: PrimitiveModel, time: Float[Tensor, ""] | None, cameras: Cameras
+) -> Splats:
     """The splats of a model for a render.
 
     Raises:

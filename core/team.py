@@ -23,7 +23,7 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.returns import splats_of
+from gsfw.core.returns import splats_to_render
 from gsfw.core.splats import Splats
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class Team:
         time: Float[Tensor, ""] | None,
     ) -> Rendering:
         """Render a model at ``time``; its images are not decoded."""
-        splats = splats_of(model, time, cameras)
+        splats = splats_to_render(model, time, cameras)
         output = rasterizer.render(splats, cameras, settings)
         return Rendering(output, splats, [RenderedPart(splats, output.statistics)])
 

@@ -91,7 +91,7 @@ def trained(subject: Subject) -> tuple[Trainer, Losses, Halfway]:
 
 
 @torch.no_grad()
-def splats_of(model: PrimitiveModel, time: float | None, camera: Cameras | None = None) -> Splats:
+def splats_at(model: PrimitiveModel, time: float | None, camera: Cameras | None = None) -> Splats:
     """The splats at a time for a camera, without gradients."""
     return model.splats(None if time is None else torch.tensor(time), camera)
 

@@ -24,7 +24,7 @@ from gsfw.plugins.settings import Layer, resolve
 from gsfw.plugins.snapshot import snapshot, with_sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.stress.case import front_camera
-from gsfw.testing.method_trial import HALF, STEPS, TIMES, flat, method_trial, splats_of, trained
+from gsfw.testing.method_trial import HALF, STEPS, TIMES, flat, method_trial, splats_at, trained
 from gsfw.testing.model_edits import EDITS
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Promise, require
 from gsfw.testing.strategies import TableWatch, watched
@@ -78,7 +78,7 @@ def _is_evaluated_as_restored(subject: Subject) -> None:
     run = method_trial(subject, "trained", {"checkpoint_every": HALF})
     model = run.resumed(HALF).parts.model
     for time, before in zip(TIMES, halfway.splats, strict=True):
-        found = difference(before, flat(splats_of(model, time)))
+        found = difference(before, flat(splats_at(model, time)))
         require(
             not found,
             f"after the model of step {HALF} was restored, {found} from the splats of evaluations "
@@ -140,23 +140,23 @@ def _times_are_honoured(subject: Subject) -> None:
     trainer, _, _ = trained(subject)
     parts = trainer.parts
     if not parts.data.scene.is_dynamic:
-        still = [flat(splats_of(parts.model, time)) for time in (None, *TIMES)]
+        still = [flat(splats_at(parts.model, time)) for time in (None, *TIMES)]
         found = next(filter(None, (difference(still[0], other) for other in still[1:])), "")
         require(not found, f"in a static scene, {found} at another time.", "Ignore the time.")
         return
-    moved = [flat(splats_of(parts.model, time)) for time in TIMES]
+    moved = [flat(splats_at(parts.model, time)) for time in TIMES]
     require(
         any(difference(moved[0], other) for other in moved[1:]),
         f"after {STEPS} steps the splats are the same at the times {TIMES}.",
         "Let splats(time) depend on the time.",
     )
-    again = difference(moved[0], flat(splats_of(parts.model, TIMES[0])))
+    again = difference(moved[0], flat(splats_at(parts.model, TIMES[0])))
     require(
         not again,
         f"at time 0 again, after other times, {again}.",
         "splats(time) must not depend on earlier calls: keep no state of a batch in the model.",
     )
-    first = difference(moved[0], flat(splats_of(parts.model, None)))
+    first = difference(moved[0], flat(splats_at(parts.model, None)))
     require(not first, f"without a time, {first} from time 0.", "None stands for the first time.")
 
 
@@ -168,7 +168,7 @@ def _view_dependence_is_declared(subject: Subject) -> None:
     views = parts.data.views(Split.TRAIN).cameras
     for time in TIMES if parts.data.scene.is_dynamic else (None,):
         cameras = (*views[:2], views[-1])
-        first, *others = (flat(splats_of(parts.model, time, camera)) for camera in cameras)
+        first, *others = (flat(splats_at(parts.model, time, camera)) for camera in cameras)
         found = next(filter(None, (difference(first, other) for other in others)), "")
         require(
             not found,
@@ -191,7 +191,7 @@ def _model_file_renders_the_same(subject: Subject) -> None:
     again = rebuild(read_model_file(path), path, subject.registry).composition.parts.model
     model = restored.composition.parts.model
     for time in TIMES if restored.composition.scene.is_dynamic else (None,):
-        found = difference(flat(splats_of(model, time)), flat(splats_of(again, time)))
+        found = difference(flat(splats_at(model, time)), flat(splats_at(again, time)))
         require(
             not found,
             f"after the model was read from its file, {found} (time {time}).",
@@ -204,7 +204,7 @@ def _export_renders_the_same(subject: Subject) -> None:
     trainer, _, _ = trained(subject)
     parts = trainer.parts
     decodes = type(parts.model).decode is not PrimitiveModel.decode
-    before = with_sh(splats_of(parts.model, 0.0))
+    before = with_sh(splats_at(parts.model, 0.0))
     if decodes or not isinstance(before.colors, Sh):
         raise NotApplicable(
             "its colours are computed after rendering, which no splat file can store"

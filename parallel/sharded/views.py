@@ -28,7 +28,7 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.returns import splats_of
+from gsfw.core.returns import splats_to_render
 from gsfw.core.splats import Splats
 from gsfw.parallel.group import Group
 from gsfw.parallel.sharded.division import Division
@@ -119,7 +119,7 @@ class Views:
             ends = (division.start(number + step, rows) - first for step in (0, 1))
             window = Window(model, *ends)
             with window.shown():
-                found.append((window, splats_of(model, time, cameras)))
+                found.append((window, splats_to_render(model, time, cameras)))
         return found
 
     def _bands_of(self, rank: int) -> list[int]:

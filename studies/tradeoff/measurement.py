@@ -56,7 +56,7 @@ class Exact:
 def _images(subject: Subject, cameras: Sequence[Cameras]) -> Float[Tensor, " m"]:
     """All pixels of all images in a row, before any colour network; float64."""
     rendered = []
-    for camera, splats in zip(cameras, subject.splats_of(cameras), strict=True):
+    for camera, splats in zip(cameras, subject.splats_by_camera(cameras), strict=True):
         image = subject.render(splats, camera).color[0].double()
         rendered.append(enlarged(image, camera).flatten())
     return torch.cat(rendered)
@@ -74,7 +74,7 @@ class Turn:
     @staticmethod
     def of(subject: Subject, cameras: Sequence[Cameras]) -> Turn:
         """Make the splats; their time is not measured, since no variant changes it."""
-        return Turn(subject, tuple(subject.splats_of(cameras)), cameras)
+        return Turn(subject, tuple(subject.splats_by_camera(cameras)), cameras)
 
     def take(self, device: torch.device) -> float:
         """Render every view once; milliseconds of wall time for a view."""

@@ -146,7 +146,7 @@ class Runner:
         """Rendered views with their targets."""
         chosen = list(places)
         cameras = [self.model.cameras[place] for place in chosen]
-        for place, splats in zip(chosen, subject.splats_of(cameras), strict=True):
+        for place, splats in zip(chosen, subject.splats_by_camera(cameras), strict=True):
             yield subject.image(splats, self.model.cameras[place]), *self._target(place)
 
     def _target(self, place: int) -> tuple[Tensor, Tensor | None]:
@@ -154,7 +154,7 @@ class Runner:
         model = self.model
         camera, subject = model.cameras[place], model.subject
         if not model.parts.data.has_images:
-            (splats,) = subject.splats_of([camera])
+            (splats,) = subject.splats_by_camera([camera])
             return subject.image(splats, camera), None
         (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)
         assert subject.settings.background is not None

@@ -61,7 +61,7 @@ class Subject:
             splats = edit(splats, camera)
         return splats.map(lambda tensor: tensor.detach().to(self.dtype))
 
-    def splats_of(self, cameras: Sequence[Cameras]) -> Iterator[Splats]:
+    def splats_by_camera(self, cameras: Sequence[Cameras]) -> Iterator[Splats]:
         """The splats for each camera, at its time; made once where they are the same for all."""
         splats = None
         for camera in cameras:

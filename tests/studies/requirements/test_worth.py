@@ -45,7 +45,9 @@ class DrawnData(DataManager):
         subject = subject_of(model, times)
         self._images = [
             subject.image(splats, camera)
-            for splats, camera in zip(subject.splats_of(self._views), self._views, strict=True)
+            for splats, camera in zip(
+                subject.splats_by_camera(self._views), self._views, strict=True
+            )
         ]
 
     @property

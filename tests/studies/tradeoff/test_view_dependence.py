@@ -47,7 +47,7 @@ def test_timed_views_and_exact_images_have_the_splats_of_their_cameras(model):
 
 def test_splats_of_all_views_are_made_once(model):
     subject = replace(model.subject, model=model.parts.model.given)
-    first, second = subject.splats_of(model.cameras[:2])
+    first, second = subject.splats_by_camera(model.cameras[:2])
     assert first is second
 
 
