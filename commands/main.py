@@ -113,7 +113,9 @@ def _run(tokens: list[str], console: Console) -> int:
     verb = _find_verb(tokens[0], installed())
     if tokens[0] not in SHOW_BROKEN:
         installed().tell_broken(console.warn)
-    with nullcontext() if is_follower() else shown_by(SlowStages().stage):
+    # Help waits for torch, as strategies and rasterizers import it beside their settings.
+    is_silent = is_follower() or _flag(tokens, "help")
+    with nullcontext() if is_silent else shown_by(SlowStages().stage):
         code = verb(tokens[1:])
     if tokens[0] not in SHOW_BROKEN:
         installed().tell_broken(console.warn)  # Some fail only when they are loaded.

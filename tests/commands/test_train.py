@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from support.small_captures import ring, write_images, write_transforms
 
+from gsfw.commands.interface import progress
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
 
@@ -73,6 +74,12 @@ def test_help_shows_every_key_with_type_default_and_sentence(capsys):
     assert any(line.startswith("seed=42 whole number Seed of every generator;") for line in lines)
     assert {"parts", "run", "optim", "strategy mcmc", "datamanager synthetic"} <= set(lines)
     assert any(line.endswith("together: fast, default, high, paper.") for line in lines)
+
+
+def test_help_says_nothing_of_the_wait_for_it(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    assert main(["train", "method=3dgs", "--help"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_help_shows_the_values_that_the_run_has_on_the_given_data(capsys, tmp_path):
