@@ -27,9 +27,9 @@ class Method(ABC):
     """A model and its training: losses, phases, and requirements on the scene.
 
     ``build_model`` and ``losses`` are required. The order of calls in a run: ``check_scene``,
-    ``build_model``, ``begin``, ``refiners``, ``notes``; in each step ``prepare``, and for each
-    batch ``render_settings`` and ``losses``; ``view_metrics`` and ``view_images`` in evaluations;
-    ``report`` at the end.
+    ``build_model``, ``begin``, ``refiners``, ``notes``; in each step ``prepare`` and
+    ``render_settings``, and for each batch ``losses``; ``view_metrics`` and ``view_images`` in
+    evaluations; ``report`` at the end.
     """
 
     registered_as: str = ""

@@ -43,7 +43,7 @@ class NumericsProfile:
     transmittance_min: float = 1e-4
     """A splat that would lower the transmittance to this or below ends the pixel, unblended."""
     jacobian_margin: float = 0.3
-    """x/z and y/z are clamped this far beyond the image, in fractions of the field of view."""
+    """x/z and y/z are clamped this far beyond the image, in tangents of half the field of view."""
     compensation_min: float = 0.005
     """Floor of the antialiasing factor sqrt(det before / det after dilation)."""
     depth_epsilon: float = 1e-10

@@ -94,7 +94,7 @@ class Refiner(ABC):
 
     A run has an ordered list of refiners: the budget, those of the strategy, those of the method.
     All batches of a step are rendered before any is observed. The order of calls in a step is
-    ``statistics``, ``depth`` and ``needs_view_gradients``; for each batch ``regularizers`` and
+    ``needs_view_gradients``; for each batch ``depth``, ``statistics``, ``regularizers`` and
     ``before_backward``; after the optimizer step, for each batch, ``observe``; then ``refine``.
     In a run that has to end in a time (minutes=, until=) an update may stand for several steps of
     the schedule, or for none: ``refine`` then is called for each of these steps, in order.

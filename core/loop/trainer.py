@@ -40,7 +40,7 @@ from gsfw.core.refiner import RESET, GrowthLimits, Refinement
 
 
 class Trainer:
-    """Batches -> splats -> render -> decode -> losses -> backward -> observe -> step -> refine."""
+    """Batches -> splats -> render -> decode -> losses -> backward -> step -> observe -> refine."""
 
     def __init__(
         self,
