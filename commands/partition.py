@@ -48,7 +48,8 @@ class PartitionOptions(Options):
     margin: float = number(0.15, at_least=0, at_most=2)
     """Width of the border around a cell that is also trained, relative to its shorter side."""
     share: float = number(0.15, above=0, at_most=1)
-    """A view trains a block if this part of what it sees lies in the block."""
+    """A view trains a block if this part of the points that it sees lies in the block's cell, or if
+    its camera stands there and sees any of them."""
 
 
 def run(tokens: list[str]) -> int:
