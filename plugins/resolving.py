@@ -48,8 +48,8 @@ DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
 PRESET_CHOICES = {**DEFAULT_CHOICES, "datamanager": BUILT_IN_SCENE}
 """Parts that values of a preset are for, unless the method or the preset names others."""
 PAPER = "paper"
-"""Preset of every method: its own settings and number of steps, whatever the data. Data of the
-user's own is trained on for a time without it (``planning.asked``)."""
+"""Preset of every method: its own settings and, on data of the user's own, its number of steps.
+Without it, a run on such data ends after a time (``planning.asked``)."""
 
 
 class Resolving:

@@ -20,8 +20,8 @@ MOVING = "moving_"
 TIME_PROTOCOL = {
     "moving_region": "the data set's masks where it has some; else pixels whose standard deviation "
     f"over all images of the same fixed camera exceeds {MIN_DEVIATION} in some channel",
-    "moving_metrics": "per image over moving pixels, all others taken as true; images where "
-    "nothing moves are left out of the mean",
+    "moving_metrics": "per image over moving pixels, with all others at 0 in both images; images "
+    "where nothing moves are left out of the mean",
     "flicker": "mean absolute difference between drawn and true change from one held-out time of "
     "a fixed camera to its next, over pixels that move in neither (static) or in some (moving)",
 }
