@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -67,11 +68,11 @@ class InputFiles:
         """
         found = InputFiles()
         folders, asked = _sort_inputs(paths)
-        seen = set() if out is None else {out.resolve()}
+        seen = set() if out is None else {_real(out)}
         batches = {root: found._files_in(root, seen) for root in folders}
-        known = {file.path.resolve() for batch in batches.values() for file in batch}
+        known = {_real(file.path) for batch in batches.values() for file in batch}
         for path in asked:
-            if path.resolve() not in known:
+            if _real(path) not in known:
                 file = InputFile(path, writable(path.name), asked=True)
                 batches.setdefault(path.parent, []).append(file)
         prefixes = _prefixes([root for root, batch in batches.items() if _needs_name(batch)])
@@ -83,7 +84,7 @@ class InputFiles:
 
     def _files_in(self, root: Path, seen: set[Path]) -> list[InputFile]:
         start = self._start(root, seen)
-        if start.resolve() in seen:
+        if _real(start) in seen:
             return []
         return [
             InputFile(path, writable(path.relative_to(start).as_posix()))
@@ -99,7 +100,7 @@ class InputFiles:
             return root / "images"
         if any(_is_footage(item) for item in items):
             return root
-        folders = [item for item in items if item.resolve() not in seen and _holds_footage(item)]
+        folders = [item for item in items if _real(item) not in seen and _holds_footage(item)]
         for name in IMAGE_FOLDERS:
             start = root / name
             if start in folders:
@@ -114,7 +115,7 @@ class InputFiles:
 
     def _below(self, folder: Path, seen: set[Path]) -> Iterator[Path]:
         """Files in a folder and all folders in it; each folder once, whatever links there are."""
-        seen.add(folder.resolve())
+        seen.add(_real(folder))
         for item in _listed(folder):
             if _is_noise(item.name):
                 continue
@@ -122,7 +123,7 @@ class InputFiles:
                 # A link to nowhere is told of later; pipes and devices would block whoever reads.
                 if item.is_file() or not item.exists():
                     yield item
-            elif item.resolve() in seen:
+            elif _real(item) in seen:
                 continue
             elif _is_result(item):
                 self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
@@ -150,7 +151,7 @@ def _sort_inputs(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     for path in paths:
         if not path.exists():
             raise DataError(f"{path}: there is no such file or folder.", _nearest(path))
-        (folders if path.is_dir() else files).setdefault(path.resolve(), path)
+        (folders if path.is_dir() else files).setdefault(_real(path), path)
     return list(folders.values()), list(files.values())
 
 
@@ -181,6 +182,11 @@ def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
 def _needs_name(files: Sequence[InputFile]) -> bool:
     """True if images may be among them: the frames of a video get a folder of their own."""
     return not all(file.asked and is_video(file.path) for file in files)
+
+
+def _real(path: Path) -> Path:
+    """The place that links lead to; their own, where they lead in circles."""
+    return Path(os.path.realpath(path))
 
 
 def _listed(folder: Path) -> list[Path]:

@@ -92,6 +92,13 @@ def test_a_link_to_nowhere_is_left_out(folder):
     )
 
 
+def test_a_link_to_itself_is_left_out(folder):
+    (folder / "x.png").symlink_to(folder / "x.png")
+    item = only_left_out(read_source([folder]))
+    assert (item.name, item.advice) == ("x.png", "Replace it.")
+    assert item.reason.startswith("the file cannot be read (")
+
+
 def test_the_later_of_two_equal_files_is_left_out(folder):
     shutil.copy(folder / "a.png", folder / "a (1).png")
     (folder / "sub").mkdir()
