@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -129,7 +130,7 @@ class Workspace:
         Raises:
             OutputError: one does.
         """
-        out = self.path.resolve()
+        out = Path(os.path.realpath(self.path))  # A link to itself is refused where it is made.
         for given in inputs:
             if out == given.resolve() or out in given.resolve().parents:
                 raise OutputError(

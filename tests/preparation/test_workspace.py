@@ -124,3 +124,13 @@ def test_a_file_in_the_place_of_the_folder_is_told(tmp_path):
     (tmp_path / "out").touch()
     with pytest.raises(OutputError, match="out"), Workspace(tmp_path / "out").claimed(()):
         pass
+
+
+def test_a_link_to_itself_in_the_place_of_the_folder_is_told(tmp_path):
+    (tmp_path / "out").symlink_to(tmp_path / "out")
+    message = "out/work cannot be written: "
+    with (
+        pytest.raises(OutputError, match=message),
+        Workspace(tmp_path / "out").claimed((tmp_path,)),
+    ):
+        pass
