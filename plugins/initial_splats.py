@@ -20,9 +20,17 @@ def importer_of(path: Path, registry: Registry) -> str | None:
     """Name of the importer that recognises a file, or a folder, of splats; ``None`` if none does.
 
     Importers look at the content, and at the suffix where a format has no mark of its own.
+
+    Raises:
+        DataError: it is a pipe or a device, which whoever looks at its beginning takes it from.
     """
     if not path.exists():
         return None
+    if not (path.is_file() or path.is_dir()):
+        raise DataError(
+            f"{path} is a pipe or a device, and gsfw reads files more than once.",
+            "Write its content to a file, and give that file.",
+        )
 
     def recognises(kind: type[Importer]) -> bool:
         try:

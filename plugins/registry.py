@@ -98,6 +98,9 @@ def what_is_missing(path: Path) -> str:
     missing, parent = path, path.parent
     while not parent.is_dir():
         missing, parent = parent, parent.parent
+    if missing.is_symlink():
+        target = os.readlink(missing)
+        return f"{missing} is a link to {target}, which cannot be reached. Connect its disk."
     near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
     return f"{parent.resolve()} contains no {missing.name!r}.{near}"
 

@@ -73,6 +73,15 @@ def test_a_missing_folder_suggests_its_sibling(tmp_path):
     )
 
 
+def test_a_link_to_what_is_not_there_is_no_suggestion(tmp_path):
+    (tmp_path / "garden").symlink_to(tmp_path / "unplugged" / "garden")
+    assert data_refusal(tmp_path / "garden") == (
+        f"data={tmp_path / 'garden'}: there is no such file or folder.\n"
+        f"{tmp_path / 'garden'} is a link to {tmp_path / 'unplugged' / 'garden'}, which cannot be "
+        "reached. Connect its disk."
+    )
+
+
 def test_a_missing_parent_is_named(tmp_path):
     (tmp_path / "captures").mkdir()
     said = data_refusal(tmp_path / "capture" / "fox")

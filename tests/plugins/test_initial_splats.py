@@ -1,6 +1,7 @@
 """Splats are found by content, in files and folders, and every verb takes them or says why not."""
 
 import json
+import os
 import zipfile
 
 import pytest
@@ -171,3 +172,10 @@ def test_training_begins_with_splats_of_any_format(tmp_path, name):
     assert main(["train", *line, "strategy=none"]) == 0
     assert main(["export", str(out), f"out={tmp_path / 'b.ply'}"]) == 0
     assert len(find_importer(tmp_path / "b.ply", installed()).read(tmp_path / "b.ply").splats) > 40
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.ply")
+    with pytest.raises(DataError, match="is a pipe or a device, and gsfw reads files more than"):
+        importer_of(tmp_path / "a.ply", installed())
