@@ -244,7 +244,7 @@ class StandingCamera:
 def frames_of(
     cameras: Sequence[StandingCamera], times: range, rate: float
 ) -> tuple[list[Frame], tuple[str, ...]]:
-    """The frames of all cameras at the given times, and notes on how lenses were fitted.
+    """The frames of all cameras at the given times, and notes on lenses and videos.
 
     Args:
         cameras: in the order that they are numbered in.
@@ -260,4 +260,6 @@ def frames_of(
         fitted, note = camera.fitted()
         frames.extend(fitted.frame(number, index, rate) for number in times)
         notes.extend([note] if note else [])
+        if (video := camera.sequence.video) is not None:
+            notes.extend(f"{video.path.name}: {note}" for note in video.traits.notes())
     return frames, tuple(notes)

@@ -21,6 +21,7 @@ from jaxtyping import UInt8
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.images import Header
+from gsfw.datamanagers.video_traits import VideoTraits
 
 UNEVEN = 0.5
 """An interval that differs from the median by more than this part of it: an image is missing."""
@@ -45,8 +46,8 @@ class Video:
     """Seconds."""
     keys: tuple[int, ...]
     """Numbers of the images that decoding can begin at; the first is 0."""
-    turns: int = 0
-    """Quarter turns, counter-clockwise, that make an image upright."""
+    traits: VideoTraits
+    """Stored form of the images."""
     box: Box | None = None
     """The part of the upright images that is used; ``None`` for all."""
 
@@ -69,17 +70,14 @@ class Video:
             stamps=tuple(order),
             unit=unit,
             keys=tuple(sorted({0, *(numbers[stamp] for stamp in keys)})),
+            traits=VideoTraits(0, 0),
         )
         with _opened(path) as (container, stream):
             first = next(video._decoded(container, stream), None)
             if first is None:
                 raise DataError(f"{path}: none of its {len(order)} images decodes.", ADVICE)
-            # FFmpeg gives the counter-clockwise angle by which the image is to be turned.
-            turns = round(first[1].rotation / 90) % 4
-            width, height = first[1].width, first[1].height
-        if turns % 2:
-            width, height = height, width
-        return replace(video, header=Header(width, height, has_alpha=False), turns=turns)
+            traits = VideoTraits.of(stream, first[1])
+        return replace(video, header=Header(*traits.shown_size, has_alpha=False), traits=traits)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -188,6 +186,7 @@ class Video:
                     continue
                 if number > expected:
                     break
+                self.traits.check_size(self.path, number, frame)
                 if number in wanted:
                     yield number, frame
                 if number == last:
@@ -224,7 +223,7 @@ class Video:
     def _upright(
         self, pixels: UInt8[np.ndarray, "h w *d"], box: Box | None
     ) -> UInt8[np.ndarray, "h2 w2 *d"]:
-        upright = np.rot90(pixels, self.turns)
+        upright = self.traits.upright(pixels)
         if box is not None:
             left, top, right, bottom = box
             upright = upright[top:bottom, left:right]

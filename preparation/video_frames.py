@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -41,6 +41,8 @@ FEWER = 0.9
 """Part of the frames asked for that is as good as all of them."""
 RESTLESS = 0.1
 """Part of the frames looked at that may be jumps of the view; more are no cuts."""
+ROUNDED = 0.01
+"""Deviation of pixels from squares that some cameras note for a size that they have rounded."""
 JPEG_QUALITY = 97
 """JPEG quality of frames; with colours at full resolution. Features are found at the same places
 from about 95 on, and the file takes half the room of a PNG."""
@@ -111,6 +113,7 @@ def choose_frames(video: Video, count: int) -> FrameChoice:
         looked_at=len(numbers),
         notes=tuple(
             [
+                *_notes_on_pixels(video),
                 *_notes_on_number(len(chosen), count, video, path),
                 *_notes_on_view(path, times),
                 *_notes_on_blur(relative),
@@ -210,6 +213,17 @@ def _usable(path: ViewPath, relative: Float[np.ndarray, " n"]) -> Bool[np.ndarra
     lower, upper = sharp[(after - 1).clip(min=0)], sharp[after.clip(max=len(sharp) - 1)]
     bridged = np.maximum(upper, positions) - np.minimum(lower, positions) <= BRIDGED
     return np.asarray(~strange & ((relative >= BLURRED) | ~bridged))
+
+
+def _notes_on_pixels(video: Video) -> Iterator[str]:
+    """Notes on images that look otherwise than they should, or have pixels that are oblong."""
+    yield from video.traits.notes()
+    if abs(video.traits.aspect - 1) > ROUNDED:
+        yield (
+            f"its pixels are not square ({video.traits.aspect} as wide as high), and cameras are "
+            "computed for square ones: write it anew: ffmpeg -i OLD -vf scale=iw*sar:ih,setsar=1 "
+            "NEW.mp4"
+        )
 
 
 def _notes_on_number(chosen: int, count: int, video: Video, path: ViewPath) -> list[str]:

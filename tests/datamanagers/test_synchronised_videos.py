@@ -21,6 +21,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.detection import describe_unrecognised
 from gsfw.datamanagers.synchronised_videos import SynchronisedVideosConfig
+from gsfw.datamanagers.video_traits import VideoTraits
 
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
 
@@ -200,3 +201,8 @@ def test_the_format_is_told_by_names(tmp_path, where):
     assert not SynchronisedVideosConfig.detect(tmp_path).recognised
     assert not SynchronisedVideosConfig.detect(tmp_path / "nowhere").recognised
     assert describe_unrecognised(tmp_path / where).startswith("the video cam00.mp4")
+
+
+def test_what_is_odd_about_a_video_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(VideoTraits, "notes", lambda traits: iter(["the video is odd"]))
+    assert "cam01.mp4: the video is odd" in build(write(tmp_path)).notes()

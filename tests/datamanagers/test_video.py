@@ -87,10 +87,10 @@ def rotated(path, degrees):
 def test_rotation_metadata_is_applied(tmp_path, degrees):
     plain = write_video(tmp_path / "a.mp4")
     video = Video.read(rotated(plain, degrees))
-    expected = np.rot90(Video.read(plain).image(2), video.turns)
+    expected = np.rot90(Video.read(plain).image(2), video.traits.turns)
     assert (video.header.height, video.header.width) == expected.shape[:2]
     assert np.array_equal(video.image(2), expected)
-    assert video.turns == degrees // 90 % 4
+    assert video.traits.turns == degrees // 90 % 4
 
 
 def test_a_cropped_video_has_the_box_of_the_upright_image(tmp_path):

@@ -1,5 +1,7 @@
 """Frames of videos beside each other and beside photos."""
 
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +9,12 @@ import pytest
 from support.small_videos import write_video
 
 from gsfw.datamanagers.images import Header
+from gsfw.datamanagers.video import Video
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.journal import Journal
+from gsfw.preparation.video_frames import choose_frames
 from gsfw.preparation.workspace import Workspace
 
 
@@ -68,3 +72,11 @@ def test_frames_have_their_times_in_the_video(tmp_path):
     assert len(frames) > 2
     for frame in frames:
         assert frame.time == pytest.approx(int(frame.path.stem) / 10)
+
+
+def test_what_is_odd_about_a_video_is_told(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4", 4))
+    traits = replace(video.traits, transfer=18, aspect=Fraction(4, 3))
+    hdr, oblong, *_ = choose_frames(replace(video, traits=traits), 3).notes
+    assert hdr.startswith("the video is HDR (HLG), and its colours are used as they are stored, ")
+    assert oblong.startswith("its pixels are not square (4/3 as wide as high), and cameras are ")

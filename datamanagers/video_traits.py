@@ -1,0 +1,104 @@
+"""Video traits: properties of a video's images that differ from plain ones, by its first image."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gsfw.core.errors import DataError
+
+HDR = {16: "PQ", 18: "HLG"}
+"""Transfer characteristics of high dynamic range (ITU-T H.273, table 3)."""
+NO_HDR = (
+    "record without HDR (iPhone: Settings > Camera > Record Video > HDR Video), or export it as "
+    "SDR (Rec. 709) from a video editor"
+)
+
+
+@dataclass(frozen=True)
+class VideoTraits:
+    """Stored form of a video's images."""
+
+    width: int
+    """Pixels of an image as it is stored."""
+    height: int
+    """Likewise."""
+    mirrored: bool = False
+    """True if an image is to be mirrored, left to right, before it is turned."""
+    turns: int = 0
+    """Quarter turns, counter-clockwise, that make an image upright."""
+    aspect: Fraction = Fraction(1)
+    """Width of a stored pixel by its height."""
+    transfer: int = 0
+    """Transfer characteristic, by its number in ITU-T H.273."""
+    interlaced: bool = False
+    """True if the rows of an image are of two times, in turn."""
+
+    @staticmethod
+    def of(stream: Any, frame: Any) -> VideoTraits:  # noqa: ANN401
+        """The traits of a stream and its first image, which PyAV gives."""
+        mirrored, turns = _display(frame)
+        return VideoTraits(
+            width=frame.width,
+            height=frame.height,
+            mirrored=mirrored,
+            turns=turns,
+            aspect=stream.sample_aspect_ratio or Fraction(1),
+            transfer=stream.codec_context.color_trc,
+            interlaced=frame.interlaced_frame,
+        )
+
+    @property
+    def shown_size(self) -> tuple[int, int]:
+        """Width and height of the upright image, in pixels."""
+        return (self.height, self.width) if self.turns % 2 else (self.width, self.height)
+
+    def upright(self, pixels: UInt8[np.ndarray, "h w *d"]) -> UInt8[np.ndarray, "h2 w2 *d"]:
+        """A stored image as it is to be shown."""
+        return np.rot90(pixels[:, ::-1] if self.mirrored else pixels, self.turns)
+
+    def check_size(self, path: Path, number: int, frame: Any) -> None:  # noqa: ANN401
+        """Check that a later image has the size of the first: recordings of calls change theirs.
+
+        Raises:
+            DataError: it has another one.
+        """
+        if (frame.width, frame.height) != (self.width, self.height):
+            raise DataError(
+                f"{path}: image {number} has {frame.width}x{frame.height} pixels, and the first "
+                f"one {self.width}x{self.height}.",
+                "Write the video anew, with images of one size: ffmpeg -i OLD NEW.mp4.",
+            )
+
+    def notes(self) -> Iterator[str]:
+        """Clauses on images that do not look as they should."""
+        if self.transfer in HDR:
+            yield (
+                f"the video is HDR ({HDR[self.transfer]}), and its colours are used as they are "
+                f"stored, which look pale: {NO_HDR}"
+            )
+        if self.interlaced:
+            yield (
+                "the video is interlaced: the rows of an image are of two times, and edges of all "
+                "that moves look like combs; write it anew: ffmpeg -i OLD -vf bwdif=send_frame "
+                "NEW.mp4"
+            )
+
+
+def _display(frame: Any) -> tuple[bool, int]:  # noqa: ANN401
+    """Mirroring and quarter turns that make an image upright."""
+    # FFmpeg gives the counter-clockwise angle by which the image is to be turned.
+    turns = round(frame.rotation / 90) % 4
+    matrix = frame.side_data.get("DISPLAYMATRIX")
+    if matrix is None:
+        return False, turns
+    a, b, _, c, d = struct.unpack("=5i", bytes(matrix)[:20])
+    # FFmpeg's angle is that of the first row, which a mirror image has the other way round.
+    return (True, (turns + 2) % 4) if a * d < b * c else (False, turns)
