@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import math
 import os
+import platform
 import signal
 import socket
+import tarfile
 import threading
 import time
 import warnings
@@ -38,8 +40,14 @@ def load_ray() -> ModuleType:
     """Import Ray, which then says nothing by itself.
 
     Raises:
-        UnavailableError: it is not installed.
+        UnavailableError: it is not installed, or this Python unpacks no folder of a machine safely.
     """
+    if not hasattr(tarfile, "data_filter"):  # Not in 3.10 before 3.10.12, nor 3.11 before 3.11.4.
+        raise UnavailableError(
+            "executor=ray needs Python 3.10.12, 3.11.4, 3.12 or newer, which refuse archives with "
+            f"files outside of their folder; this is Python {platform.python_version()}.",
+            "Update Python on all machines of the cluster, or use executor=local.",
+        )
     # Both are read when it is imported or when processes are started; a user's own value stays.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "1")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

@@ -85,6 +85,16 @@ def test_without_ray_its_installation_is_named(monkeypatch):
     assert caught.value.advice == "Install it with: pip install 'gsfw[ray]'"
 
 
+def test_a_python_that_unpacks_no_folder_safely_is_refused(monkeypatch):
+    monkeypatch.delattr("tarfile.data_filter")
+    monkeypatch.setattr("platform.python_version", lambda: "3.11.2")
+    with pytest.raises(UnavailableError) as caught:
+        connect("local")
+    assert caught.value.message.startswith("executor=ray needs Python 3.10.12, 3.11.4, 3.12")
+    assert caught.value.message.endswith("this is Python 3.11.2.")
+    assert "executor=local" in caught.value.advice
+
+
 def fake_ray(monkeypatch) -> tuple[SimpleNamespace, list]:
     """Ray's constants, and what these and the environment are when it starts."""
     constants, seen = SimpleNamespace(ENABLE_RAY_CLUSTER=True), []
