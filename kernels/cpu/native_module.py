@@ -14,9 +14,9 @@ import torch
 from gsfw.core.errors import ConfigError
 
 NOT_BUILT = (
-    "the native CPU module was not built: no working C++ compiler was found at installation "
-    "(GCC or Clang). Install one (Debian: apt install g++; macOS: xcode-select --install), "
-    "then: pip install --force-reinstall --no-deps ."
+    "the native CPU module was not built: no working C++ compiler (GCC or Clang) or no headers of "
+    "Python were found at installation. Install both (Debian: apt install g++ python3-dev; "
+    "macOS: xcode-select --install), then: pip install --force-reinstall --no-deps ."
 )
 
 _last_words: list[tuple[str, str, int]] = []

@@ -147,7 +147,7 @@ def test_without_the_native_module_a_run_says_that_it_will_be_slow(capsys, monke
     assert (
         "note: rasterizer cpu is faster than reference, but the native CPU module was not" in said
     )
-    assert "Install one (Debian: apt install g++" in said
+    assert "Install both (Debian: apt install g++ python3-dev" in said
 
 
 def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
