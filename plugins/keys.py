@@ -101,14 +101,31 @@ def field_help(kind: type[Any]) -> dict[str, str]:
     return found
 
 
+def class_help(kind: type) -> str:
+    """The docstring of a dataclass, also in a program without docstrings (``python -OO``).
+
+    There ``__doc__`` is the signature, which dataclasses put in the place of a missing docstring.
+    """
+    declaration = _declaration(kind)
+    return "" if declaration is None else ast.get_docstring(declaration) or ""
+
+
 @cache
-def _own_field_help(kind: type) -> dict[str, str]:
+def _declaration(kind: type) -> ast.ClassDef | None:
+    """The syntax tree of a class; none without a source, as of a class made in a session."""
     try:
         source = textwrap.dedent(inspect.getsource(kind))
         (tree,) = ast.parse(source).body
-    except (OSError, TypeError, SyntaxError):  # Made in a session that keeps no source.
+    except (OSError, TypeError, SyntaxError):
+        return None
+    return tree if isinstance(tree, ast.ClassDef) else None
+
+
+@cache
+def _own_field_help(kind: type) -> dict[str, str]:
+    tree = _declaration(kind)
+    if tree is None:
         return {}
-    assert isinstance(tree, ast.ClassDef)
     found: dict[str, str] = {}
     for statement, following in zip(tree.body, tree.body[1:], strict=False):
         if not isinstance(statement, ast.AnnAssign) or not isinstance(statement.target, ast.Name):

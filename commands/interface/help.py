@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
-from inspect import cleandoc
 from typing import TYPE_CHECKING, Any
 
 from gsfw.commands.interface.page import Row, option_table, paragraphs
@@ -42,7 +41,7 @@ def main_help(registry: Registry) -> str:
 
 def options_help(verb: str, kind: type[Options]) -> str:
     """Usage, words, keys and examples of a verb."""
-    from gsfw.plugins.keys import field_help, keys
+    from gsfw.plugins.keys import class_help, field_help, keys
 
     explained = field_help(kind)
     words = [item for item in fields(kind) if "word" in item.metadata]
@@ -56,7 +55,7 @@ def options_help(verb: str, kind: type[Options]) -> str:
         [
             f"{usage} [key=value ...]",
             "",
-            paragraphs(cleandoc(kind.__doc__ or "")),
+            paragraphs(class_help(kind)),
             "",
             option_table([*rows, *map(option_row, options)]),
             *_examples(kind.examples),

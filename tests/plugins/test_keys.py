@@ -4,7 +4,7 @@ from dataclasses import dataclass, make_dataclass
 
 from support.fake_parts import Demo, Grow, Move
 
-from gsfw.plugins.keys import field_help, keys, suggest_key
+from gsfw.plugins.keys import class_help, field_help, keys, suggest_key
 
 
 @dataclass
@@ -41,6 +41,19 @@ def test_a_field_without_a_docstring_has_no_help():
 
 def test_a_class_without_source_has_no_help():
     assert field_help(make_dataclass("Made", [("number", int, 3)])) == {}
+
+
+def test_the_help_of_a_class_is_its_docstring_also_where_python_has_none():
+    @dataclass
+    class Documented:
+        """A first line.
+
+        A second one.
+        """
+
+    Documented.__doc__ = "Documented()"  # As with python -OO.
+    assert class_help(Documented) == "A first line.\n\nA second one."
+    assert class_help(Silent) == ""
 
 
 def test_suggestions_take_the_last_part_first_and_stay_silent_when_far_off():
