@@ -192,6 +192,8 @@ def text_width(text: str, bold: bool = False) -> float:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
+    if not text.strip():  # TextPath of matplotlib 3.11 fails on text without outlines.
+        return 0.0
     font = FontProperties(size=NORMAL, weight="bold" if bold else "normal")
     return float(TextPath((0.0, 0.0), text, prop=font).get_extents().x1) * UNITS / 72
 
