@@ -27,8 +27,8 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.sampler import Sampler
 from gsfw.plugins.compose import Composition
 
-VIEWS, STEPS, SECONDS = 2, 3, 1.2
-"""Views that a trial steps through, its steps at least, and the seconds that it usually takes."""
+VIEWS, STEPS = 2, 3
+"""Views that a trial steps through, and its steps at least."""
 SETTLED = 0.5
 """Last part of the steps that are measured: the first ones warm up, and have Gaussians that are
 still far too large or too many."""
@@ -49,7 +49,7 @@ class Trial:
     """Peak of the allocations on the GPU, in 1e6 bytes; ``None`` on the CPU."""
 
 
-def try_steps(composition: Composition, seconds: float = SECONDS) -> Trial:
+def try_steps(composition: Composition, seconds: float) -> Trial:
     """Train a few steps at full size, on a few views that are loaded before.
 
     Args:

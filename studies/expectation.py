@@ -24,6 +24,8 @@ from gsfw.planning.trial import Trial, seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.registry import Registry
 
+TRIAL_SECONDS = 1.2
+"""Seconds of steps in each of the two trials."""
 MOST_TRIED = 200_000
 """Gaussians of the second trial at most; costs of more are extrapolated in proportion."""
 
@@ -74,7 +76,7 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
     end = expected_gaussians(composition)
     with stage("measuring how long steps take here", 2) as advance:
         loading = seconds_to_load(composition)
-        first = try_steps(composition)
+        first = try_steps(composition, TRIAL_SECONDS)
         advance(1)
         last = first
         if end > start and len(composition.scene.points):
@@ -113,7 +115,7 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
 def _try_denser(composition: Composition, registry: Registry, count: int) -> Trial:
     count = min(count, max(most_that_fit(composition), len(composition.parts.table)))
     data = _Denser(composition.parts.data, count)
-    return try_steps(compose(composition.settings, registry, data=data))
+    return try_steps(compose(composition.settings, registry, data=data), TRIAL_SECONDS)
 
 
 def _steps_seconds(composition: Composition, first: float, last: float) -> float:

@@ -23,6 +23,8 @@ from support.small_scene import SHARED_DATA, SMALL_SCENE
 from gsfw.charts import style
 from gsfw.commands.interface import progress
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
+from gsfw.planning import plan
+from gsfw.studies import expectation
 
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
 # several times the work in waiting. Tests of repeatability with threads start their own processes.
@@ -33,6 +35,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Tests compare standard error, on machines that are slow enough to make any stage a slow one.
 progress.PATIENCE = 1e6
+
+# Dry runs and plans measure steps: a few of them are enough where nobody reads the figures.
+expectation.TRIAL_SECONDS = plan.FIRST_LOOK = plan.LONGEST_TRIAL = 0.0
 
 # Without bytecode every worker and every process of a test would parse all sources again.
 sys.dont_write_bytecode = False

@@ -9,7 +9,6 @@ from support.checked_captures import ball, write_ball, write_moving
 from support.tracked_ball import track_ball
 
 from gsfw.commands.main import main
-from gsfw.planning import plan
 
 
 def check(capsys, *tokens, code=0):
@@ -22,12 +21,6 @@ def refusal(capsys, *tokens):
     """What stands on standard error where the command is wrong."""
     assert main(["check", *map(str, tokens)]) == 2
     return capsys.readouterr().err
-
-
-@pytest.fixture(autouse=True)
-def short_trials(monkeypatch):
-    """Dry runs measure steps of this machine for a moment: their findings are what matters here."""
-    monkeypatch.setattr(plan, "LONGEST_TRIAL", 0.2)
 
 
 @pytest.fixture(scope="module")

@@ -23,12 +23,6 @@ SCENE = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch):
-    """Trials end after their least steps."""
-    monkeypatch.setattr("gsfw.planning.trial.SECONDS", 0.0)
-
-
 def composed(**changes):
     values = {**SCENE, **{key.replace("__", "."): text for key, text in changes.items()}}
     return compose(resolve(installed(), [Layer(COMMAND_LINE, values)]), installed())
