@@ -234,9 +234,15 @@ def taken_rows(
 
 
 def moving_children(children: Children) -> Int[Tensor, " m"] | None:
-    """Rows among new rows that change with time; ``None`` for all."""
-    lengths = children["time_centers"].lengths
-    return None if lengths is None else lengths.nonzero()[:, 0]
+    """Rows among new rows that change with time; ``None`` for all.
+
+    The column of ``StillRows`` tells, which every model with static rows has.
+    """
+    stillness = children.get("stillness")
+    if stillness is None:
+        return None
+    assert stillness.lengths is not None
+    return (stillness.lengths == 0).nonzero()[:, 0]
 
 
 def added(children: Children, name: str, change: Float[Tensor, "m d"]) -> Float[Tensor, "r d"]:

@@ -10,6 +10,7 @@ from support.scenes import random_splats
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.operators import Operators
+from gsfw.methods.moving.gaussians import moving_children
 from gsfw.methods.moving.method import MovingMethod
 
 METHODS = tuple(CONFIGS)
@@ -149,6 +150,16 @@ def test_children_are_of_the_kind_of_their_parents(method):
     table.append(model.split_rows(rows, 2, seeded()))
     expected = torch.cat([still, still[rows], still[rows.repeat(2)]])
     assert torch.equal(model.still.mask(), expected)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_children_that_move_are_known_whatever_the_temporal_columns_are(method):
+    model, _ = mixed(method)
+    rows = torch.tensor([0, 1, 5, 6])
+    for children in (model.clone_rows(rows), model.split_rows(rows, 2, seeded())):
+        moving = ~model.still.mask()[rows.repeat(len(children["means"].values) // len(rows))]
+        assert moving_children(children).tolist() == moving.nonzero()[:, 0].tolist()
+    assert moving_children(model.canonical.clone_rows(rows)) is None
 
 
 def test_children_of_rows_that_stand_still_are_those_of_static_gaussians():
