@@ -85,13 +85,15 @@ def test_the_worst_view_is_the_first_one(finished_run, tmp_path):
     assert text.index("12.50") < text.index("20.00") < text.index("30.00")
 
 
-def test_report_false_writes_no_page(tmp_path, capsys):
+def test_report_false_writes_no_page_and_all_other_outputs(tmp_path, capsys):
     out = tmp_path / "run"
     assert (
         main(["train", "method=3dgs", *SMALL_SCENE, "steps=2", "report=false", f"out={out}"]) == 0
     )
     assert not (out / PAGE).exists()
     assert not (out / "report").exists()
+    for name in ("requirements.json", "requirements.png", "splats.ply", "metrics.json"):
+        assert (out / name).is_file(), name
     assert "report.html" not in capsys.readouterr().out
 
 
