@@ -21,3 +21,10 @@ def moving_run(tmp_path_factory):
     """A run of a method whose splats drift, on the built-in scene that moves."""
     with drifting_run(tmp_path_factory.mktemp("runs") / "moving", *SMALL_MOVING_SCENE) as out:
         yield out
+
+
+@pytest.fixture
+def empty_folder(tmp_path, monkeypatch):
+    """The present folder is empty, and nobody answers questions."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
