@@ -6,6 +6,7 @@ between checkpoints, too, and ends the training; the model is then written witho
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,6 +24,8 @@ from gsfw.core.progress import stage
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
+
+logger = logging.getLogger("gsfw.run")
 
 CHECKED_AGAIN = 1.1
 """Steps at the next check of the states, over those at the last one. A check took 4 to 90 us with
@@ -121,6 +124,8 @@ class Checkpoints:
             elif isinstance(error, NotFiniteError):
                 problem, advice = f"{error}.", FINITE
             else:  # A bug, which is reported as one.
+                if model is not None:
+                    logger.warning("%s has the model after %d steps", model, trainer.step)
                 raise
             raise TrainingError(
                 f"no checkpoint can be written after {trainer.step} steps: {problem}",

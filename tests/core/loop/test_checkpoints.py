@@ -104,10 +104,12 @@ def test_a_tensor_that_is_not_finite_is_named_at_the_next_checkpoint(tmp_path, l
     assert run.folder.latest_checkpoint() == run.folder.checkpoint(0)
 
 
-def test_a_bug_of_a_state_stays_a_bug_and_the_model_is_kept(tmp_path):
+def test_a_bug_of_a_state_stays_a_bug_and_the_model_is_kept(tmp_path, caplog):
     with pytest.raises(KeyError):
         run_of(tmp_path, 3, KeyError("cache")).fit()
-    assert (tmp_path / "checkpoints" / "model_000000003.pt").is_file()
+    model = tmp_path / "checkpoints" / "model_000000003.pt"
+    assert model.is_file()
+    assert caplog.messages == [f"{model} has the model after 3 steps"]
 
 
 def test_before_the_first_update_the_part_itself_is_blamed_and_nothing_is_written(tmp_path):
