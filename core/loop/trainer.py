@@ -98,6 +98,9 @@ class Trainer:
                 return summary
             except torch.OutOfMemoryError as error:
                 raise memory_full(error, self) from None
+            except Exception as error:
+                self.checkpoints.keep_after(error, self)
+                raise
             finally:
                 self.callbacks.close()
 

@@ -5,7 +5,7 @@ import torch
 from support.memory_training import Recorder, trainer, with_parts
 from support.states import assert_same_bits
 
-from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.errors import ConfigError, DataError, TrainingError
 from gsfw.core.loop.run_folder import MODEL_ALONE, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.refinement.refiners import Refiners
@@ -110,6 +110,50 @@ def test_a_bug_of_a_state_stays_a_bug_and_the_model_is_kept(tmp_path, caplog):
     model = tmp_path / "checkpoints" / "model_000000003.pt"
     assert model.is_file()
     assert caplog.messages == [f"{model} has the model after 3 steps"]
+
+
+class Failing(Counting):
+    """A sampler that fails after so many views."""
+
+    def next(self):
+        if self.asked == self.begin:
+            raise self.value
+        return super().next()
+
+    def state_dict(self):
+        return UniformSampler.state_dict(self)
+
+
+@pytest.mark.parametrize("error", [IndexError("a bug"), DataError("a photo is gone", "")])
+def test_an_error_in_a_later_step_loses_no_finished_step(tmp_path, caplog, error):
+    run = trainer(tmp_path, "none", Recorder(), checkpoint_every=8, steps=30)
+    run = with_parts(run, sampler=Failing(12, error))
+    with pytest.raises(type(error)) as caught:
+        run.fit()
+    assert caught.value is error
+    kept = run.folder.latest_checkpoint()
+    assert kept == run.folder.checkpoint(run.step)
+    assert run.step > 8
+    assert f"{kept} has the state after {run.step} steps: once the error below" in caplog.text
+    again = trainer(tmp_path, "none", Recorder(), checkpoint_every=8, steps=30)
+    again.load_state_dict(read_checkpoint(kept))
+    assert_same_bits(dict(again.parts.model.state_dict()), dict(run.parts.model.state_dict()))
+    assert again.fit()["completed"]
+
+
+def test_an_error_within_a_change_of_rows_leaves_the_last_checkpoint(tmp_path, monkeypatch):
+    run = trainer(tmp_path, "none", Recorder(), checkpoint_every=8, steps=30)
+    refine = Refiners.refine
+
+    def failing(refiners, step, *rest):
+        if step == 12:
+            raise IndexError("a bug")
+        return refine(refiners, step, *rest)
+
+    monkeypatch.setattr(Refiners, "refine", failing)
+    with pytest.raises(IndexError, match="a bug"):
+        run.fit()
+    assert run.folder.latest_checkpoint() == run.folder.checkpoint(8)
 
 
 def test_before_the_first_update_the_part_itself_is_blamed_and_nothing_is_written(tmp_path):
