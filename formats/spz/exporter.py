@@ -39,7 +39,7 @@ class SpzExporter(Exporter):
     degree 4). Few viewers read 4 yet."""
     sh_bits: Literal[4, 5, 6, 7, 8] = SH_BITS
     """Bits of the SH bands, in which this format loses most; every reader takes all of them. 4, as
-    Niantic's encoder: smallest. 6: a third more bytes, 8 dB nearer to the splats."""
+    Niantic's encoder: smallest. 6: half more bytes, 7 to 8 dB nearer to the splats."""
 
     def __post_init__(self) -> None:
         """Check the version and the bits.
