@@ -4,7 +4,7 @@
 
 Differences from the CUDA extension: a splat ends where its alpha falls to 1 / 255, not at the
 tiles around three standard deviations; where alpha is clamped to 0.99, and where x / z or y / z is
-clamped to 1.3 times the field of view, gradients are those of the clamped function (the extension
+clamped to 1.3 tangents of half the view, gradients are those of the clamped function (the extension
 passes some through); depth has a gradient, which some forks lack.
 """
 
