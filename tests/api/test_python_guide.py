@@ -26,6 +26,7 @@ def test_the_blocks_of_the_guide_run_in_their_order(tmp_path, monkeypatch, capsy
     for number, block in enumerate(blocks, start=1):
         exec(compile(block, f"block {number} of {PAGE.name}", "exec"), names)
     printed = capsys.readouterr().out
+    assert re.search(r"^[\d.]+ 4000$", printed, re.MULTILINE), "as many Gaussians as points"
     assert "Did you mean 'strategy.max_gaussians'?" in printed
     assert "torch.Size([4, 54, 96, 3])" in printed
     assert float(re.findall(r"([\d.]+) dB", printed)[-1]) > 25
