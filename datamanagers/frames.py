@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.files.reading import is_there
+from gsfw.core.files.reading import is_there, readable
 from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
@@ -232,12 +233,15 @@ def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple
     """The note on frames whose images are not on disk; none when all are there.
 
     Raises:
-        DataError: none of the images is there.
+        DataError: none of the images is there, or their folder cannot be read.
     """
     if not missing:
         return ()
     shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
     if len(missing) == total:
+        if looked_in.is_dir():
+            with readable(looked_in):
+                os.listdir(looked_in)
         raise DataError(
             f"none of the {total} images is in {looked_in} (looked for {shown}).",
             "Put the images there, or name their folder (datamanager.images=DIR).",

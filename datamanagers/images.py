@@ -290,6 +290,8 @@ def _reason(path: Path, error: Exception) -> str:
         return "the file is empty (0 bytes)."
     if isinstance(error, UnidentifiedImageError):
         return f"these {size} bytes are no {', '.join(FORMATS)} image."
+    if isinstance(error, OSError) and error.strerror:
+        return f"the file cannot be read: {error.strerror}."
     return f"the image does not decode: {error}"
 
 

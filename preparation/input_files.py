@@ -214,7 +214,8 @@ def _holds_footage(path: Path) -> bool:
 
 
 def _is_result(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in RESULTS)
+    # A folder that may not be searched is told of when it is listed.
+    return any(os.path.isfile(folder / name) for name in RESULTS)
 
 
 def _is_noise(name: str) -> bool:

@@ -57,6 +57,7 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
     Raises:
         RecordedError: in place of that error.
         OutputError: in place of it if a disk is full or fails.
+        DataError: in place of it if a file may not be used.
     """
     try:
         yield
@@ -64,7 +65,7 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
         raise
     except Exception as error:
         place = None if getattr(error, "filename", None) else folder.path
-        if (clear := disk_error(error, place)) is not None:
+        if (clear := disk_error(error, place) or _forbidden(error)) is not None:
             raise clear from error
         if not stays():
             raise
@@ -83,7 +84,7 @@ def report(error: Exception, console: Console, debug: bool) -> int:
         return error.exit_code
     if debug:
         traceback.print_exception(error, file=sys.stderr)
-    error = disk_error(error) or _too_long(error) or error
+    error = disk_error(error) or _too_long(error) or _forbidden(error) or error
     if isinstance(error, UserError):
         _tell(console, error.message, error.advice)
         return error.exit_code
@@ -142,6 +143,16 @@ def _too_long(error: BaseException) -> UserError | None:
         f"{start}: the path ({len(path):,} characters), or a name in it, is too long for this "
         "system.",
         "Check the quotes of the command, or give a shorter path.",
+    )
+
+
+def _forbidden(error: BaseException) -> UserError | None:
+    """The clear message for a file that this user may not use; ``None`` for other errors."""
+    if not isinstance(error, PermissionError) or error.filename is None:
+        return None
+    return DataError(
+        f"{os.fsdecode(error.filename)} cannot be used: {os.strerror(error.errno or 0)}.",
+        "Change its permissions, or those of the folders above it (ls -ld shows them).",
     )
 
 

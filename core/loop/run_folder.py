@@ -6,7 +6,7 @@ import pickletools
 import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,8 +135,14 @@ class RunFolder:
         return next(iter(self._all_checkpoints()[::-1]), None)
 
     def _all_checkpoints(self) -> list[Path]:
-        """All checkpoints, by step."""
-        found = [p for p in self.checkpoints.glob("step_*.pt") if _STEP.fullmatch(p.name)]
+        """All checkpoints, by step.
+
+        Raises:
+            PermissionError: the folder may not be read.
+        """
+        found: list[Path] = []
+        with suppress(FileNotFoundError, NotADirectoryError):
+            found = [path for path in self.checkpoints.iterdir() if _STEP.fullmatch(path.name)]
         return sorted(found, key=lambda path: path.name)
 
     def write_json(self, path: Path, document: object) -> None:
@@ -268,6 +274,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
     Raises:
         DataError: it is missing, damaged, or of an unknown layout.
+        PermissionError: it may not be read.
     """
     import torch
 
@@ -276,6 +283,8 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
         state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
     except FileNotFoundError:
         raise DataError(f"{path}: there is no such checkpoint.") from None
+    except PermissionError:
+        raise
     except Exception as error:
         raise DataError(
             f"{path} cannot be read as a checkpoint: {type(error).__name__}.",

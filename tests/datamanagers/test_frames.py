@@ -1,5 +1,6 @@
 """Frames: images and the cameras that describe them."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,6 +61,16 @@ def test_an_image_that_exif_turns_away_from_its_camera_is_explained():
         frame(48, 64, orientation=6).camera_at(1.0)
     assert "a.jpg is 48x64 pixels (EXIF orientation 6), but" in str(error.value)
     assert "gsfw always applies EXIF orientation, so remove that tag" in str(error.value)
+
+
+def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "listdir", refuse)
+        with pytest.raises(DataError, match="Permission denied"):
+            missing_images(["a.png"], 1, tmp_path)
 
 
 def test_missing_images_are_listed_up_to_five(tmp_path):

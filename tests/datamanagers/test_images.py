@@ -12,6 +12,7 @@ from support.reader_faults import little_memory
 from support.small_captures import write_image
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers import images
 from gsfw.datamanagers.images import decode, decode_mask, load_mask, read_header
 
 ORIENTATION = 274
@@ -166,6 +167,16 @@ def test_a_file_that_is_no_image_is_told_by_its_content(tmp_path):
     path.write_text("<html>404 not found</html>")
     with pytest.raises(DataError, match="these 26 bytes are no PNG, JPEG, WEBP, TIFF, BMP image"):
         read_header(path)
+
+
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    (tmp_path / "a.png").write_bytes(b"1")
+    monkeypatch.setattr(images, "BoundedFile", refuse)
+    with pytest.raises(DataError, match=r"a.png: the file cannot be read: Permission denied\."):
+        read_header(tmp_path / "a.png")
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path):

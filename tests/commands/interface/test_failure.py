@@ -12,7 +12,7 @@ import torch
 
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.failure import RecordedError, report, tracebacks_in
-from gsfw.core.errors import ConfigError, OutputError, TrainingError
+from gsfw.core.errors import ConfigError, DataError, OutputError, TrainingError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
@@ -40,6 +40,17 @@ def test_a_path_that_is_too_long_is_no_bug(capsys):
         "system.\n"
         "Check the quotes of the command, or give a shorter path.\n"
     )
+
+
+def test_a_file_that_may_not_be_used_is_no_bug(capsys, tmp_path):
+    error = PermissionError(errno.EACCES, "Permission denied", "photos/a.jpg")
+    assert report(error, Console(), debug=False) == 2
+    assert capsys.readouterr().err == (
+        "error: photos/a.jpg cannot be used: Permission denied.\n"
+        "Change its permissions, or those of the folders above it (ls -ld shows them).\n"
+    )
+    with pytest.raises(DataError, match="cannot be used"), tracebacks_in(RunFolder(tmp_path), bool):
+        raise error
 
 
 def test_a_file_that_is_too_large_for_its_disk_is_no_bug(capsys):

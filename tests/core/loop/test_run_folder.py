@@ -1,5 +1,6 @@
 """Files of a run are written whole or not at all."""
 
+import errno
 import json
 import os
 import shutil
@@ -11,6 +12,7 @@ import torch
 
 from gsfw.core.errors import DataError, OutputError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.loop import run_folder
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
 
@@ -216,3 +218,22 @@ def test_a_folder_in_place_of_the_log_is_left_alone(tmp_path):
     folder.metrics_log.mkdir()
     folder.cut_metrics_log(20, False)
     assert folder.metrics_log.is_dir()
+
+
+def test_checkpoints_that_may_not_be_read_do_not_count_as_none(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    assert RunFolder(tmp_path).latest_checkpoint() is None
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(PermissionError):
+        RunFolder(tmp_path).latest_checkpoint()
+
+
+def test_a_checkpoint_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(run_folder, "_check_names", refuse)
+    with pytest.raises(PermissionError):
+        read_checkpoint(tmp_path / "step_000000001.pt")
