@@ -18,7 +18,7 @@ from gsfw.commands.interface.interrupt import leave_on_signal
 from gsfw.commands.interface.progress import SlowStages
 from gsfw.commands.interface.streams import lasting_streams
 from gsfw.core.cores import limit_threads
-from gsfw.core.errors import ConfigError, EndedBySignal, UserError
+from gsfw.core.errors import ConfigError, DataError, EndedBySignal, UserError
 from gsfw.core.progress import shown_by
 from gsfw.parallel.environment import is_follower
 from gsfw.plugins.loading import load
@@ -110,6 +110,7 @@ def _run(tokens: list[str], console: Console) -> int:
         console.say(f"{PROJECT} {metadata.version(PROJECT)}")
         console.result({PROJECT: metadata.version(PROJECT)})
         return 0
+    _check_folder()
     verb = _find_verb(tokens[0], installed())
     if tokens[0] not in SHOW_BROKEN:
         installed().tell_broken(console.warn)
@@ -120,6 +121,21 @@ def _run(tokens: list[str], console: Console) -> int:
     if tokens[0] not in SHOW_BROKEN:
         installed().tell_broken(console.warn)  # Some fail only when they are loaded.
     return code
+
+
+def _check_folder() -> None:
+    """Check that the current folder exists: without one, torch ends the process as it is loaded.
+
+    Raises:
+        DataError: it was removed or renamed, or its disk is gone.
+    """
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise DataError(
+            f"the current folder cannot be found any more ({error.strerror}).",
+            "Change to a folder that exists, such as: cd ~",
+        ) from error
 
 
 def _find_verb(name: str, registry: Registry) -> Callable[[list[str]], int]:

@@ -1,5 +1,6 @@
 """Tests of gsfw.commands.main, in processes of their own: start-up, exit codes, streams."""
 
+import errno
 import json
 import os
 import signal
@@ -117,6 +118,19 @@ def test_an_unexpected_error_is_one_sentence_and_exit_code_1(capsys, monkeypatch
     assert "Traceback" not in said
     assert main(["train", "--debug"]) == 1
     assert "Traceback (most recent call last)" in capsys.readouterr().err
+
+
+def test_a_current_folder_that_was_removed_is_told(capsys, monkeypatch):
+    def gone():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getcwd", gone)
+        assert main(["train"]) == 2
+    assert capsys.readouterr().err == (
+        "error: the current folder cannot be found any more (No such file or directory).\n"
+        "Change to a folder that exists, such as: cd ~\n"
+    )
 
 
 def test_ctrl_c_has_its_own_exit_code(capsys, monkeypatch):
