@@ -1,6 +1,7 @@
 """Installing, as users without a compiler do it."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -32,6 +33,16 @@ def test_without_a_compiler_the_package_installs_as_pure_python(tmp_path):
         assert f"gsfw/{path.relative_to(ROOT)}" in names, "what gsfw new writes packages of"
     for path in ROOT.glob("reports/page.*"):
         assert f"gsfw/{path.relative_to(ROOT)}" in names, "style and script of reports"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
+def test_a_compiler_that_is_installed_later_is_found_in_the_same_build_folder(tmp_path):
+    before = ["-DCMAKE_CXX_COMPILER=NOTFOUND", "-DSKBUILD_PROJECT_VERSION=0"]
+    command = ["cmake", "-S", str(ROOT), "-B", str(tmp_path), *before]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "The CXX compiler identification is" in result.stdout
+    assert "no working C++ compiler" not in result.stderr
 
 
 def test_the_version_is_that_of_the_distribution():
