@@ -1,6 +1,7 @@
 """Installing, as users without a compiler do it."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -8,6 +9,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from gsfw.core.files.toml_text import parsed_toml
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -43,6 +46,14 @@ def test_a_compiler_that_is_installed_later_is_found_in_the_same_build_folder(tm
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "The CXX compiler identification is" in result.stdout
     assert "no working C++ compiler" not in result.stderr
+
+
+def test_the_page_on_installation_has_every_extra():
+    project = parsed_toml((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (ROOT / "docs" / "start" / "installation.md").read_text(encoding="utf-8")
+    table = page.partition("## Extras")[2].partition("\n## ")[0]
+    named = set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
+    assert named == project["optional-dependencies"].keys()
 
 
 def test_the_version_is_that_of_the_distribution():
