@@ -27,8 +27,11 @@ if TYPE_CHECKING:
 
 SAFE_CHECKPOINTS = Version("2.10")
 """First torch whose ``weights_only=True`` no known file gets around (GHSA-63cw-57p8-fm3p)."""
-LIBRARIES = ("matplotlib", "numpy", "PIL", "pycolmap", "scipy", "tensorboard", "yaml")
-"""Libraries that training imports."""
+LIBRARIES = {
+    **{name: name for name in ("matplotlib", "numpy", "pycolmap", "scipy", "tensorboard")},
+    **{"PIL": "Pillow", "yaml": "PyYAML"},
+}
+"""Libraries that training imports, and the packages that have them."""
 WRITE_ACCESS = "write access"
 """The check of the folder that the command is given in."""
 
@@ -101,11 +104,11 @@ def _versions() -> Iterator[Finding]:
 
 
 def _libraries() -> Iterator[Finding]:
-    for name in LIBRARIES:
+    for name, package in LIBRARIES.items():
         try:
             importlib.import_module(name)
         except ImportError as error:
-            advice = f"{error}; pip install --force-reinstall {PROJECT}"
+            advice = f"{error}; pip install --force-reinstall {package}"
             yield Finding(name, "broken", advice)
         else:
             yield Finding(name, "ok", "")

@@ -25,7 +25,8 @@ def unavailable() -> str:
         return "flip-evaluator is not installed; pip install 'gsfw[flip]'"
     except ImportError as error:
         return (
-            f"flip-evaluator cannot be loaded ({error}); pip install --force-reinstall 'gsfw[flip]'"
+            f"flip-evaluator cannot be loaded ({error}); "
+            "pip install --force-reinstall flip-evaluator"
         )
     return ""
 

@@ -1,6 +1,7 @@
 """Tests of gsfw.commands.doctor."""
 
 import json
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -60,6 +61,16 @@ def test_without_the_native_module_it_says_what_is_lost(capsys, monkeypatch):
     status, details = findings(capsys)["native CPU module"]
     assert status == "missing"
     assert "no working C++ compiler (GCC or Clang) or no headers of Python were found" in details
+
+
+def test_a_library_that_does_not_load_is_installed_anew_by_the_name_of_its_package(
+    capsys, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    assert main(["doctor", "json=true"]) == 1
+    status, details = findings(capsys)["PIL"]
+    assert status == "broken"
+    assert details.endswith("; pip install --force-reinstall Pillow")
 
 
 def test_without_cuda_it_says_why(capsys, monkeypatch):

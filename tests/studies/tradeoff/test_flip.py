@@ -75,5 +75,5 @@ def test_a_package_that_does_not_load_says_why(monkeypatch):
     monkeypatch.setattr(module, "import_module", broken)
     assert module.unavailable() == (
         "flip-evaluator cannot be loaded (wrong ELF class); "
-        "pip install --force-reinstall 'gsfw[flip]'"
+        "pip install --force-reinstall flip-evaluator"
     )
