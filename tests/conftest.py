@@ -19,12 +19,15 @@ from support.native_proofs import (  # noqa: F401 - hooks
     pytest_runtest_setup,
 )
 from support.small_scene import SHARED_DATA, SMALL_SCENE
+from torch import Tensor
 
 from gsfw.charts import style
 from gsfw.commands.interface import progress
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 from gsfw.planning import plan
 from gsfw.studies import expectation
+from gsfw.studies.requirements import report
+from gsfw.studies.requirements.plot import plot
 
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
 # several times the work in waiting. Tests of repeatability with threads start their own processes.
@@ -109,14 +112,16 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     """Check shapes at every call but those of long loops, unless whole runs are made.
 
     These go thousands of times through what the tests of the parts have checked, and would take two
-    to three times as long. Charts are a quarter of the work of a short run, and smaller ones less.
+    to three times as long. Charts are half the work of a short run: those of its report are
+    smaller there, and the one of its requirements is left out.
     """
     marks = {mark.name for mark in item.iter_markers()}
     folders = set(item.path.relative_to(TESTS).parts[:-1])
     whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
     Budget.start(0 if whole else MOST_CHECKS)
-    short = whole and "slow" not in marks
-    draw_at(COARSE if short and not folders & CHARTS else FINE)
+    looked_at = not whole or bool(folders & CHARTS)
+    draw_at(FINE if looked_at or "slow" in marks else COARSE)
+    report.plot = plot if looked_at else blank
     return (yield)
 
 
@@ -124,6 +129,11 @@ def draw_at(dpi: int) -> None:
     """Set the resolution of charts."""
     style.DPI = dpi
     style.SETTINGS |= {"figure.dpi": dpi, "savefig.dpi": dpi}
+
+
+def blank(requirements: object) -> Tensor:
+    """An image in place of the chart of a run's requirements, which tests/studies draw."""
+    return torch.zeros(8, 8, 3, dtype=torch.uint8)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -139,8 +149,9 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
 
 @pytest.fixture
 def fine_charts() -> None:
-    """Charts of their usual resolution, in a test of a whole run."""
+    """Charts as they are, in a test of a whole run."""
     draw_at(FINE)
+    report.plot = plot
 
 
 @pytest.fixture

@@ -53,6 +53,7 @@ def test_the_same_is_in_the_picture_in_tensorboard_and_in_the_log(finished_run):
     assert f"requirements: {found['headline']}" in folder.log.read_text()
 
 
+@pytest.mark.usefixtures("fine_charts")
 def test_the_summary_of_a_run_has_it_and_info_shows_it(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", *SMALL, f"out={out}"]) == 0
@@ -88,6 +89,7 @@ def _copy(leaf):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("fine_charts")
 def test_a_resumed_run_reports_what_an_unbroken_one_does(tmp_path):
     for name in ("whole", "parts"):
         arguments = [*SMALL, "steps=6", "checkpoint_every=3", f"out={tmp_path / name}"]
