@@ -1,5 +1,7 @@
-"""Signals after COLMAP was loaded, in a process of their own: it is loaded only once."""
+"""Signals after COLMAP was loaded, in processes of their own: it is loaded only once."""
 
+import json
+import os
 import signal
 import subprocess
 import sys
@@ -20,11 +22,9 @@ class Signal:
         if name == "pycolmap._core":
             os.kill(os.getpid(), signal.SIGINT)
 
-if sys.argv[1] == "during":
-    sys.meta_path.insert(0, Signal())
+sys.meta_path.insert(0, Signal())
 try:
     native.load_colmap()
-    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM))
 except KeyboardInterrupt:
     print("pycolmap" in sys.modules, "interrupted")
 print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
@@ -37,21 +37,79 @@ signal.signal(signal.SIGTERM, lambda *_: sys.exit("cleaned up"))
 load_colmap()
 os.kill(os.getpid(), signal.SIGTERM)
 """
+ABORTS = """
+import os
+from pathlib import Path
+from gsfw.preparation.native import aborts_told, readable_native_errors
+
+moment = {moment!r}
+with aborts_told(Path("outer")):
+    with readable_native_errors("match features", Path("database.db")):
+        if moment == "inside":
+            os.abort()
+    if moment == "between":
+        os.abort()
+if moment == "after":
+    os.abort()
+"""
+HELD = """
+import os
+from pathlib import Path
+from gsfw.core.errors import DataError
+from gsfw.preparation.native import aborts_told
+
+class Database:
+    def __del__(self):
+        os.abort()
+
+def work():
+    database = Database()
+    raise DataError("it failed.", "Try again.")
+
+with aborts_told(Path("outer")):
+    work()
+"""
+PROGRAMS = {
+    **{"loaded": LOADED, "ended": ENDED, "held": HELD},
+    **{moment: ABORTS.format(moment=moment) for moment in ("inside", "between", "after")},
+}
+FORKS = """
+import json, os, sys
+import gsfw.preparation.native  # It takes a second, and loads no COLMAP.
+
+said = {}
+for name, program in json.loads(sys.argv[1]).items():
+    files = [open(os.path.join(sys.argv[2], name + end), "w+") for end in (".out", ".err")]
+    child = os.fork()
+    if child == 0:
+        for number, file in enumerate(files, 1):
+            os.dup2(file.fileno(), number)
+        exec(program)
+        sys.exit()
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    said[name] = [code, *(open(file.name).read() for file in files)]
+print(json.dumps(said))
+"""
+"""Runs each program in a fork of its own."""
 
 
-def run(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", script, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+@pytest.fixture(scope="module")
+def said(tmp_path_factory) -> dict[str, tuple[int, str, str]]:
+    """Exit code, standard output and standard error of each program."""
+    if not hasattr(os, "fork"):
+        pytest.skip("this system has no fork")
+    folder = tmp_path_factory.mktemp("said")
+    command = [sys.executable, "-c", FORKS, json.dumps(PROGRAMS), str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    return {name: tuple(found) for name, found in json.loads(done.stdout).items()}
 
 
-@pytest.mark.parametrize(("moment", "said"), [("during", "True interrupted\nTrue\n")])
-def test_ctrl_c_waits_until_colmap_is_loaded(moment, said):
-    assert run(LOADED, moment).stdout == said
+def test_ctrl_c_waits_until_colmap_is_loaded(said):
+    assert said["loaded"][1] == "True interrupted\nTrue\n"
 
 
-def test_sigterm_still_lets_python_clean_up():
-    ended = run(ENDED)
-    assert (ended.returncode, ended.stderr) == (1, "cleaned up\n")
+def test_sigterm_still_lets_python_clean_up(said):
+    assert said["ended"] == (1, "", "cleaned up\n")
 
 
 ADVICE = (
@@ -94,40 +152,10 @@ def test_other_errors_pass_unchanged() -> None:
         raise OSError("the disk is full")
 
 
-ABORTS = """
-import os, sys
-from pathlib import Path
-from gsfw.preparation.native import aborts_told, readable_native_errors
-
-with aborts_told(Path("outer")):
-    with readable_native_errors("match features", Path("database.db")):
-        if sys.argv[1] == "inside":
-            os.abort()
-    if sys.argv[1] == "between":
-        os.abort()
-if sys.argv[1] == "after":
-    os.abort()
-"""
-HELD = """
-import os
-from pathlib import Path
-from gsfw.core.errors import DataError
-from gsfw.preparation.native import aborts_told
-
-class Database:
-    def __del__(self):
-        os.abort()
-
-def work():
-    database = Database()
-    raise DataError("it failed.", "Try again.")
-
-with aborts_told(Path("outer")):
-    work()
-"""
+NATIVE = pytest.mark.skipif(native() is None, reason="no native module")
 
 
-@pytest.mark.skipif(native() is None or sys.platform == "win32", reason="no native module")
+@NATIVE
 @pytest.mark.parametrize(
     ("moment", "cause"),
     [
@@ -135,22 +163,17 @@ with aborts_told(Path("outer")):
         ("between", "COLMAP stopped its work in outer"),
     ],
 )
-def test_a_library_that_aborts_the_program_ends_it_with_a_message(moment, cause):
-    ended = run(ABORTS, moment)
-    assert (ended.returncode, ended.stderr) == (2, f"error: {cause}.\n{ABORTED}\n")
+def test_a_library_that_aborts_the_program_ends_it_with_a_message(said, moment, cause):
+    assert said[moment] == (2, "", f"error: {cause}.\n{ABORTED}\n")
 
 
-@pytest.mark.skipif(native() is None or sys.platform == "win32", reason="no native module")
-def test_outside_of_such_work_programs_abort_as_they_do():
-    ended = run(ABORTS, "after")
-    assert ended.returncode == -signal.SIGABRT
-    assert "COLMAP" not in ended.stderr
+@NATIVE
+def test_outside_of_such_work_programs_abort_as_they_do(said):
+    code, _, complained = said["after"]
+    assert code == -signal.SIGABRT
+    assert "COLMAP" not in complained
 
 
-@pytest.mark.skipif(native() is None or sys.platform == "win32", reason="no native module")
-def test_what_an_error_holds_may_abort_the_program_too():
-    ended = run(HELD)
-    assert (ended.returncode, ended.stderr) == (
-        2,
-        f"error: COLMAP stopped its work in outer.\n{ABORTED}\n",
-    )
+@NATIVE
+def test_what_an_error_holds_may_abort_the_program_too(said):
+    assert said["held"] == (2, "", f"error: COLMAP stopped its work in outer.\n{ABORTED}\n")
