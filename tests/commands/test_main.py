@@ -57,14 +57,18 @@ def test_help_lists_every_verb_in_a_line_and_two_examples():
     assert gsfw().stdout == result.stdout
 
 
-def test_help_on_a_verb_is_asked_for_before_it_or_after_it():
-    asked = gsfw("eval", "--help").stdout
+def test_help_on_a_verb_is_asked_for_before_it_or_after_it(capsys):
+    def said(*arguments: str, stream: str = "out") -> str:
+        main(list(arguments))
+        return getattr(capsys.readouterr(), stream)
+
+    asked = said("eval", "--help")
     assert asked.startswith("usage: gsfw eval RUN")
-    assert gsfw("help", "eval").stdout == asked
-    assert gsfw("--help", "eval").stdout == asked
-    assert json.loads(gsfw("help", "json=true", "eval").stdout)["help"] + "\n" == asked
-    assert gsfw("help", "help").stdout == gsfw("--help", "--version").stdout == gsfw().stdout
-    assert "Did you mean 'eval'?" in gsfw("help", "evla").stderr
+    assert said("help", "eval") == asked
+    assert said("--help", "eval") == asked
+    assert json.loads(said("help", "json=true", "eval"))["help"] + "\n" == asked
+    assert said("help", "help") == said("--help", "--version") == said()
+    assert "Did you mean 'eval'?" in said("help", "evla", stream="err")
 
 
 def test_the_version_is_that_of_the_package():

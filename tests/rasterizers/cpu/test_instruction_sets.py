@@ -9,8 +9,10 @@ import torch
 from support.agreement import as_float64, check_float32, check_float64, draw_everything
 from support.random_scenes import Kind
 
+from gsfw.commands.main import main
 from gsfw.core.cameras import CameraModel
 from gsfw.core.render_settings import Depth
+from gsfw.kernels.cpu import native_module
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
@@ -48,25 +50,24 @@ def test_it_may_change_between_an_image_and_its_way_back(instruction_set):
     module.use_instruction_set(instruction_set)
 
 
-def doctor(forced: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "gsfw", "doctor"],
-        env=os.environ | {"GSFW_CPU_ISA": forced}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-
-
 @pytest.mark.slow
 def test_the_environment_forces_one_and_the_doctor_shows_it():
-    result = doctor("scalar")
+    result = subprocess.run(
+        [sys.executable, "-m", "gsfw", "doctor"],
+        env=os.environ | {"GSFW_CPU_ISA": "scalar"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert "instruction set: scalar" in result.stdout
 
 
-def test_an_unknown_one_is_refused_with_those_there_are():
-    result = doctor("avx1024")
-    assert result.returncode == 2
-    assert "Traceback" not in result.stderr
-    assert result.stderr.startswith(
+def test_an_unknown_one_is_refused_with_those_there_are(monkeypatch, capsys):
+    expected = ", ".join(instruction_sets())
+    monkeypatch.setattr(native_module, "native", native_module.native.__wrapped__)
+    monkeypatch.setenv(native_module.FORCED, "avx1024")
+    assert main(["doctor"]) == 2
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert said.startswith(
         "error: GSFW_CPU_ISA=avx1024: expected one of the instruction sets that this machine runs: "
-        f"{', '.join(instruction_sets())}."
+        f"{expected}."
     )
