@@ -3,6 +3,7 @@
 It is not in a test file: processes that start anew cannot import one.
 """
 
+import multiprocessing
 import os
 import socket
 
@@ -17,6 +18,8 @@ from gsfw.parallel.shared_memory import SharedMemoryGroup, group_on
 
 SIZE = 3
 CPU = torch.device("cpu")
+START = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+"""A server of forks imports torch once for all processes of all tests."""
 
 
 def in_processes(work, *arguments) -> None:
@@ -24,7 +27,8 @@ def in_processes(work, *arguments) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    mp.spawn(_connected, args=(port, work, arguments), nprocs=SIZE)
+    multiprocessing.set_forkserver_preload(["gsfw.parallel.shared_memory"])
+    mp.start_processes(_connected, (port, work, arguments), SIZE, start_method=START)
 
 
 def _connected(rank, port, work, arguments) -> None:

@@ -25,35 +25,44 @@ def test_fifty_megabytes_are_seen_though_they_are_free_again_and_no_more_before(
     assert before.sum() == 10_000_000
 
 
-def test_memory_that_was_used_and_freed_before_counts_again(supported):
-    # In a process of its own: threads of other tests may free memory during the measurement.
-    code = """
+STARTER = """
+import subprocess, sys
+held = b"1" * 900_000_000
+sys.exit(subprocess.run([sys.executable, "-c", sys.argv[1]]).returncode)
+"""
+MEASURED = """
 import torch
-from gsfw.core.loop.memory import added_memory_mb
+from gsfw.core.loop.memory import added_memory_mb, peak_memory_mb
 
 def many():
     return [torch.ones(250_000) for _ in range(50)]
 
+print(peak_memory_mb(torch.device("cpu"))["rss"])
 many()
 print(*(added_memory_mb(many, torch.device("cpu")) for _ in range(2)))
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    first, second = map(float, done.stdout.split())
+
+
+@pytest.fixture(scope="module")
+def measured() -> list[float]:
+    """Peak of a process that a larger one has started; memory that it uses once, and once more.
+
+    It is a process of its own, as threads of other tests may free memory during a measurement.
+    """
+    command = [sys.executable, "-c", STARTER, MEASURED]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return list(map(float, done.stdout.split()))
+
+
+def test_memory_that_was_used_and_freed_before_counts_again(supported, measured):
+    _, first, second = measured
     assert first > 40.0
     assert second > 40.0
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems count in another way")
-def test_the_peak_of_a_process_is_not_that_of_the_process_that_started_it():
-    start = """
-import subprocess, sys
-held = b"1" * 900_000_000
-code = "import torch; from gsfw.core.loop.memory import peak_memory_mb as peak;"
-code += "print(peak(torch.device('cpu'))['rss'])"
-sys.exit(subprocess.run([sys.executable, "-c", code]).returncode)
-"""
-    done = subprocess.run([sys.executable, "-c", start], capture_output=True, text=True, check=True)
-    assert 50 < float(done.stdout) < 800
+def test_the_peak_of_a_process_is_not_that_of_the_process_that_started_it(measured):
+    assert 50 < measured[0] < 800
 
 
 def test_work_that_takes_nothing_takes_nothing(supported):
