@@ -80,7 +80,7 @@ def server(scene):
         pass
 
     served = ThreadingHTTPServer(("127.0.0.1", 0), partial(Own, directory=str(scene.parent)))
-    thread = threading.Thread(target=served.serve_forever, daemon=True)
+    thread = threading.Thread(target=served.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     yield f"http://127.0.0.1:{served.server_port}/scene", Own
     served.shutdown()

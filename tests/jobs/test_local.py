@@ -100,7 +100,7 @@ def test_a_requested_stop_ends_jobs_and_starts_no_other(script, tmp_path):
     with LocalExecutor(2) as executor:
         running = outcomes(executor, jobs, control)
         signal.signal(signal.SIGALRM, lambda *_: control.request_stop("enough"))
-        signal.setitimer(signal.ITIMER_REAL, 1.5)
+        signal.setitimer(signal.ITIMER_REAL, 0.5)
         for job, outcome in running:
             assert outcome.stopped
             names.append(job.name)

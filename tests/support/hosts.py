@@ -47,7 +47,7 @@ def hosted(folder: Path, bytes_a_second: float = float("inf")) -> Iterator[Addre
     server.RequestHandlerClass = partial(
         _Files, directory=str(folder), address=address, pause=PIECE / bytes_a_second
     )
-    thread = Thread(target=server.serve_forever, daemon=True)
+    thread = Thread(target=server.serve_forever, args=(0.01,), daemon=True)
     thread.start()
     try:
         yield address

@@ -133,7 +133,7 @@ def spark_viewer(folder: Path, profile: Path) -> Iterator[SparkViewer]:
     npm_install(FOLDER, f"@sparkjsdev/spark@{SPARK}", f"three@{THREE}")
     (FOLDER / "page.html").write_text(PAGE)
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, files=folder))
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     try:
         with chromium(profile) as browser:
