@@ -56,8 +56,7 @@ def assert_log_of_one_run(folder: RunFolder) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attempt", range(2))
-def test_of_two_trainings_in_one_folder_one_trains_and_the_other_says_why_not(tmp_path, attempt):
+def test_of_two_trainings_in_one_folder_one_trains_and_the_other_says_why_not(tmp_path):
     trained, refused = started_at_once(
         tmp_path, "train", "method=3dgs", *SMALL_SCENE, "steps=60", "device=cpu", "out=a/run"
     )

@@ -85,7 +85,7 @@ def test_several_processes_train_the_bits_of_one(tmp_path, alone, method, proces
     assert_same_bits(state(out), alone(method))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["adc", "spacetime"])
 def test_processes_that_share_the_gaussians_train_the_bits_of_one(tmp_path, capfd, alone, method):
     run, size = RunFolder(tmp_path / "run"), 4 if method == "adc" else 3
     arguments = (*words(method, shards=4), f"processes={size}", f"out={run.path}")
@@ -157,10 +157,8 @@ def test_a_killed_process_ends_the_others_and_the_checkpoint_goes_on(tmp_path, r
     [
         (("method=3dgs", "minutes=3"), "processes=2 and minutes=: runs of several processes end"),
         (("method=3dgs", "data=/nothing", "steps=9"), "data=/nothing: there is no such file"),
-        (("method=3dgs", "sh=adaptive", "steps=9"), r"\(bands\) watches the backward pass"),
-        (("method=3dgs", "shards=1", "steps=9"), "2 processes, more than shards"),
-        (("method=3dgs", "shards=2", "strategy=error", "steps=9"), "watches the backward pass"),
         (("method=3dgs", "shards=2", "viewer=true", "steps=9"), "viewer"),
+        # test_gaussian_parallel.py and test_data_parallel.py have the other refusals of teams.
         (("method=4d-rotor", "shards=2", "datamanager.moving=true", "steps=9"), "other rows"),
     ],
 )

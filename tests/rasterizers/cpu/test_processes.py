@@ -81,7 +81,7 @@ def test_an_interrupt_during_an_image_is_delivered_when_it_is_done():
     program = """
 drawn = []
 began = time.perf_counter()
-draw(8000, 128, SMOOTH)
+draw(3000, 96, SMOOTH)
 seconds = time.perf_counter() - began
 
 def interrupt():
@@ -91,7 +91,7 @@ def interrupt():
 try:
     threading.Thread(target=interrupt).start()
     for _ in range(100):
-        drawn.append(draw(8000, 128, SMOOTH)[0])
+        drawn.append(draw(3000, 96, SMOOTH)[0])
 except KeyboardInterrupt:
     print("interrupted", len(drawn) < 100)
 print(draw()[0].isfinite().all().item())
