@@ -27,8 +27,8 @@ struct Camera {
   Vector2<T> slope_low, slope_high;
 };
 
-/// Set the slope limits: ``margin`` (NumericsProfile.jacobian_margin) fields of view beyond the
-/// image.
+/// Set the slope limits: ``margin`` (NumericsProfile.jacobian_margin) times the tangent of half the
+/// field of view, beyond the edges of the image.
 template <class T>
 GSFW_FUNCTION void set_slope_limits(Camera<T>& camera, const T& margin) {
   const T half = margin * T(0.5);
