@@ -96,6 +96,13 @@ def read_header(path: Path) -> Header:
                 f"{path}: the pixels are floating-point numbers.",
                 "Expected 8 or 16 bits per channel; convert the image to PNG.",
             )
+        if image.format == "TIFF" and _is_planar_16_bit(image):
+            raise DataError(
+                f"{path}: the TIFF holds each of its 16-bit channels apart (planar), of which only "
+                "8 bits could be read.",
+                "Store its channels together (tiffcp -p contig IN.tif OUT.tif), or convert it to "
+                "PNG.",
+            )
         orientation = _orientation(image)
         width, height = image.size if orientation < 5 else image.size[::-1]
         has_alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
@@ -293,6 +300,13 @@ def _reason(path: Path, error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f"the file cannot be read: {error.strerror}."
     return f"the image does not decode: {error}"
+
+
+def _is_planar_16_bit(image: Image.Image) -> bool:
+    """True for a TIFF that Pillow would read as 8-bit channels, which gives another image."""
+    tags = getattr(image, "tag_v2", {})
+    bits = tags.get(258, (1,))  # BitsPerSample; 284: PlanarConfiguration (TIFF 6.0).
+    return tags.get(284) == 2 and len(bits) > 1 and max(bits) > 8
 
 
 def _orientation(image: Image.Image) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.reader_faults import little_memory
-from support.small_captures import write_image
+from support.small_captures import HEIGHT, WIDTH, write_image
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers import images
@@ -198,6 +198,27 @@ def test_floating_point_pixels_are_refused(tmp_path):
     path = save(tmp_path / "depth.tif", Image.fromarray(np.zeros((2, 2), np.float32)))
     with pytest.raises(DataError, match=r"depth\.tif: the pixels are floating-point numbers"):
         read_header(path)
+
+
+@pytest.mark.parametrize(("bits", "is_read"), [(8, True), (16, False)])
+def test_channels_of_16_bits_that_are_stored_apart_are_refused(tmp_path, bits, is_read):
+    channels = np.arange(3 * HEIGHT * WIDTH).reshape(3, HEIGHT, WIDTH) % 200
+    planes = channels.astype("<u2" if bits == 16 else "u1").tobytes()
+    plane, start = len(planes) // 3, 38
+    fields = [(256, 1, WIDTH), (257, 1, HEIGHT), (258, 3, 8), (259, 1, 1), (262, 1, 2)]
+    fields += [(273, 3, 14), (277, 1, 3), (278, 1, HEIGHT), (279, 3, 26), (284, 1, 2)]
+    content = struct.pack("<4sI3H", b"II*\0", start + len(planes), *[bits] * 3)
+    content += struct.pack("<6I", *(start + number * plane for number in range(3)), *[plane] * 3)
+    content += planes + struct.pack("<H", len(fields))
+    for tag, count, value in fields:
+        content += struct.pack("<HHII", tag, 4 if tag in (273, 279) else 3, count, value)
+    (tmp_path / "a.tif").write_bytes(content + bytes(4))
+    if is_read:
+        pixels = decode(tmp_path / "a.tif", read_header(tmp_path / "a.tif"))
+        assert np.array_equal(pixels, channels.transpose(1, 2, 0))
+    else:
+        with pytest.raises(DataError, match="16-bit channels apart"):
+            read_header(tmp_path / "a.tif")
 
 
 def test_a_mask_may_be_0_and_255_or_0_and_1(tmp_path):
