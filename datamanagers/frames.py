@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -246,4 +247,8 @@ def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple
             f"none of the {total} images is in {looked_in} (looked for {shown}).",
             "Put the images there, or name their folder (datamanager.images=DIR).",
         )
-    return (f"{len(missing)} of {total} images are not on disk and are left out: {shown}",)
+    note = f"{len(missing)} of {total} images are not on disk and are left out: {shown}"
+    encoding = sys.getfilesystemencoding()
+    if encoding != "utf-8" and not all(name.isascii() for name in missing):
+        note += f" (this locale encodes names as {encoding}; PYTHONUTF8=1 finds those in UTF-8)"
+    return (note,)

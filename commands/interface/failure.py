@@ -84,7 +84,9 @@ def report(error: Exception, console: Console, debug: bool) -> int:
         return error.exit_code
     if debug:
         traceback.print_exception(error, file=sys.stderr)
-    error = disk_error(error) or _too_long(error) or _forbidden(error) or error
+    error = (
+        disk_error(error) or _too_long(error) or _forbidden(error) or _unencodable(error) or error
+    )
     if isinstance(error, UserError):
         _tell(console, error.message, error.advice)
         return error.exit_code
@@ -153,6 +155,19 @@ def _forbidden(error: BaseException) -> UserError | None:
     return DataError(
         f"{os.fsdecode(error.filename)} cannot be used: {os.strerror(error.errno or 0)}.",
         "Change its permissions, or those of the folders above it (ls -ld shows them).",
+    )
+
+
+def _unencodable(error: BaseException) -> UserError | None:
+    """The clear message for a file name that the locale has no letters for; else ``None``."""
+    encoding = sys.getfilesystemencoding()
+    if not isinstance(error, UnicodeEncodeError) or error.encoding != encoding:
+        return None
+    if encoding == "utf-8":
+        return None
+    return DataError(
+        f"{error.object!a} cannot be the name of a file: this locale encodes names as {encoding}.",
+        "Set PYTHONUTF8=1 for names in UTF-8, and give the same command again.",
     )
 
 

@@ -63,6 +63,16 @@ def test_an_image_that_exif_turns_away_from_its_camera_is_explained():
     assert "gsfw always applies EXIF orientation, so remove that tag" in str(error.value)
 
 
+def test_a_locale_without_utf_8_is_named_beside_images_that_are_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.getfilesystemencoding", lambda: "ascii")
+    (note,) = missing_images(["é.png"], 2, tmp_path)
+    assert note.endswith(
+        "é.png (this locale encodes names as ascii; PYTHONUTF8=1 finds those in UTF-8)"
+    )
+    (note,) = missing_images(["e.png"], 2, tmp_path)
+    assert note.endswith("left out: e.png")
+
+
 def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path, monkeypatch):
     def refuse(path):
         raise PermissionError(13, "Permission denied", str(path))

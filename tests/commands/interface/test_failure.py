@@ -53,6 +53,17 @@ def test_a_file_that_may_not_be_used_is_no_bug(capsys, tmp_path):
         raise error
 
 
+def test_a_name_that_the_locale_cannot_encode_is_no_bug(capsys, monkeypatch):
+    monkeypatch.setattr("sys.getfilesystemencoding", lambda: "ascii")
+    error = UnicodeEncodeError("ascii", "images/é.jpg", 7, 8, "ordinal not in range(128)")
+    assert report(error, Console(), debug=False) == 2
+    assert capsys.readouterr().err == (
+        "error: 'images/\\xe9.jpg' cannot be the name of a file: this locale encodes names as "
+        "ascii.\n"
+        "Set PYTHONUTF8=1 for names in UTF-8, and give the same command again.\n"
+    )
+
+
 def test_a_file_that_is_too_large_for_its_disk_is_no_bug(capsys):
     assert report(OSError(errno.EFBIG, "File too large", "a.pt"), Console(), debug=False) == 2
     assert capsys.readouterr().err == (
