@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 import torch
 
@@ -71,8 +72,8 @@ def refuse_splats(path: Path, registry: Registry) -> None:
     if name is not None:
         raise DataError(
             f"{path} has the format {name}, which holds splats, and no photos with cameras.",
-            f"To look at them: gsfw view {path}. To train on from them: init={path}, and data= for "
-            "the photos.",
+            f"To look at them: gsfw view {quote(str(path))}. To train on from them: init={path}, "
+            "and data= for the photos.",
         )
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
+from shlex import quote
 
 from gsfw.commands.interface.runs import RUNS
 from gsfw.core.errors import OutputError
@@ -46,7 +47,7 @@ def _check_empty(out: str) -> None:
     if (path / "config.yaml").exists():
         raise OutputError(
             f"out={out}: this folder holds a run already.",
-            f"Continue it: gsfw resume {out}, or choose another folder with out=DIR.",
+            f"Continue it: gsfw resume {quote(str(out))}, or choose another folder with out=DIR.",
         )
     if path.is_dir() and any(item.name not in (LOCK, CLAIM) for item in path.iterdir()):
         raise OutputError(

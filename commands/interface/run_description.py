@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from gsfw.commands.interface.summary import Row, file_rows, next_rows, run_rows, summary_text
@@ -53,7 +54,7 @@ def describe_run(folder: RunFolder) -> dict[str, Any]:
     if record.requirements:
         document["requirements"] = {key: record.requirements.get(key) for key in REQUIRED}
     if not record.is_finished:
-        document["next"] = f"gsfw resume {folder.path}"
+        document["next"] = f"gsfw resume {quote(str(folder.path))}"
     return document
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.scene import Scene
@@ -233,7 +234,9 @@ def _longer(evidence: Evidence) -> str:
 
 def _check(evidence: Evidence) -> str:
     data = evidence.settings.get("data")
-    return f"gsfw check {data}, for cameras that do not fit" if data else "other settings"
+    return (
+        f"gsfw check {quote(str(data))}, for cameras that do not fit" if data else "other settings"
+    )
 
 
 def _try(remedies: list[str]) -> str:

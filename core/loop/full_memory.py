@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
+from shlex import quote
 from traceback import clear_frames
 from typing import TYPE_CHECKING
 
@@ -104,5 +105,5 @@ def _advice(trainer: Trainer, cache: str, elsewhere: str) -> str:
     if kept is None or kept == folder.checkpoint(0):
         return f"{advice}."
     change = f"{cache}=0" if settings.get(cache) else elsewhere
-    resume = f"gsfw resume {folder.path} {change}".rstrip()
+    resume = f"gsfw resume {quote(str(folder.path))} {change}".rstrip()
     return f"{advice}.\n{kept} is kept: {resume} continues from there."

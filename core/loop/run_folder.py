@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError, OutputError, UserError
@@ -243,7 +244,7 @@ class RunFolder:
         if self._is_watched and not self.unfinished.exists():
             raise OutputError(
                 f"{self.path} is gone: it was removed, or its disk is no longer there.",
-                f"Bring the disk back, and continue with gsfw resume {self.path}.",
+                f"Bring the disk back, and continue with gsfw resume {quote(str(self.path))}.",
             )
 
     def cut_metrics_log(self, step: int, is_evaluated_again: bool) -> None:

@@ -118,7 +118,7 @@ def test_splats_are_no_data_set(folder, tmp_path, capsys, monkeypatch, command):
         assert main([word.format(path) for word in command]) == 2
         said = capsys.readouterr().err
         assert "which holds splats, and no photos with cameras.\n" in said
-        assert f"gsfw view {path}" in said
+        assert f"gsfw view '{path}'. To train" in said
     assert not (tmp_path / "scene").exists()
 
 

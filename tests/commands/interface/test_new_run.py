@@ -30,6 +30,13 @@ def test_a_folder_with_a_run_is_refused_with_both_ways_out(tmp_path):
     )
 
 
+def test_a_folder_with_a_run_is_quoted_in_the_command_that_continues_it(tmp_path):
+    run = tmp_path / "my run"
+    run.mkdir()
+    (run / "config.yaml").touch()
+    assert f"gsfw resume '{run}', or" in refusal(run)
+
+
 def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").touch()
     assert refusal(tmp_path) == (

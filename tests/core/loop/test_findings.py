@@ -40,6 +40,12 @@ def test_a_sound_result_has_no_findings():
     assert keys(evidence(training_psnr=28.0)) == []
 
 
+def test_a_command_in_the_advice_quotes_an_odd_path():
+    found = evidence(one_color=10, psnr=20.83, moving_psnr=11.7)
+    found = replace(found, settings=dict(SETTINGS, data="my horse"))
+    assert "gsfw check 'my horse', for cameras" in judge(found)[0].message
+
+
 def test_a_white_result_says_so_whatever_its_psnr_is():
     (finding,) = judge(evidence(one_color=10, psnr=20.83, moving_psnr=11.7))
     assert finding.key == "one-color"
