@@ -74,3 +74,20 @@ def test_a_folder_that_cannot_be_read_is_refused(tmp_path, monkeypatch):
         f"{tmp_path}: the folder cannot be read (Permission denied).\n"
         "Make it readable, or take it out of the input."
     )
+
+
+def test_a_folder_in_a_folder_that_may_not_be_searched_is_refused(folder, monkeypatch):
+    (folder / "sub").mkdir()
+
+    def refused_below(call):
+        def answer(path, *rest):
+            if folder / "sub" in (path, path.parent):
+                raise PermissionError(13, "Permission denied", str(path))
+            return call(path, *rest)
+
+        return answer
+
+    monkeypatch.setattr(Path, "is_file", refused_below(Path.is_file))
+    monkeypatch.setattr(Path, "iterdir", refused_below(Path.iterdir))
+    with pytest.raises(DataError, match=r"sub: the folder cannot be read \(Permission denied\)"):
+        read_source([folder])
