@@ -22,8 +22,9 @@ PHONE = {
 def save(path: Path, tags: dict[int, object], size: tuple[int, int] = (8, 6)) -> Path:
     """An image with these tags, each where Exif wants it."""
     exif = Image.Exif()
+    exif[IFD.Exif] = {}  # Pillow 11.0 does not write what is added to an empty get_ifd().
     for tag, value in tags.items():
-        place = exif if tag in (Base.Make, Base.Model, Base.Orientation) else exif.get_ifd(IFD.Exif)
+        place = exif if tag in (Base.Make, Base.Model, Base.Orientation) else exif[IFD.Exif]
         place[tag] = value
     Image.new("RGB", size, (90, 60, 30)).save(path, exif=exif.tobytes())
     return path

@@ -2,7 +2,7 @@
 
 import numpy as np
 from PIL import Image
-from PIL.ExifTags import Base
+from PIL.ExifTags import IFD, Base
 from support.checked_captures import ball, write_ball
 from support.small_captures import HEIGHT, WIDTH, write_colmap_cameras
 
@@ -22,7 +22,7 @@ def write_focals(folder, fx, fy=None, exif_focal: float | None = None):
             path = written.folder / "images" / name
             image, exif = Image.open(path), Image.Exif()
             exif[Base.Model] = "P7"
-            exif.get_ifd(0x8769)[Base.FocalLengthIn35mmFilm] = round(exif_focal)
+            exif[IFD.Exif] = {Base.FocalLengthIn35mmFilm: round(exif_focal)}
             image.save(path, exif=exif)
     return written
 
