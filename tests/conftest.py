@@ -23,9 +23,10 @@ from torch import Tensor
 
 from gsfw.charts import style
 from gsfw.commands.interface import progress
+from gsfw.jobs import executor
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 from gsfw.planning import plan
-from gsfw.studies import expectation
+from gsfw.studies import expectation, runner
 from gsfw.studies.requirements import report
 from gsfw.studies.requirements.plot import plot
 
@@ -41,6 +42,9 @@ progress.PATIENCE = 1e6
 
 # Dry runs and plans measure steps: a few of them are enough where nobody reads the figures.
 expectation.TRIAL_SECONDS = plan.FIRST_LOOK = plan.LONGEST_TRIAL = 0.0
+
+# Jobs of tests end in milliseconds.
+executor.POLL_SECONDS = runner.POLL_SECONDS = 0.01
 
 # Without bytecode every worker and every process of a test would parse all sources again.
 sys.dont_write_bytecode = False
