@@ -29,7 +29,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSI
 
 METHODS = {
     "adc": ("method=3dgs",),
-    "mcmc": ("method=3dgs", "strategy=mcmc", "strategy.cap_max=800"),
     "spacetime": ("method=spacetime", "datamanager.moving=true", "datamanager.times=4"),
 }
 
@@ -78,14 +77,16 @@ def go_on(run: RunFolder, processes: int) -> None:
     assert main(["resume", str(run.path), f"processes={processes}"]) == 0
 
 
-@pytest.mark.parametrize(("method", "processes"), [("mcmc", 4), ("spacetime", 3)])
-def test_several_processes_train_the_bits_of_one(tmp_path, alone, method, processes):
+# Threads train other strategies in test_data_parallel.py and test_gaussian_parallel.py.
+
+
+def test_several_processes_train_the_bits_of_one(tmp_path, alone):
     out = tmp_path / "run"
-    assert main(["train", *words(method), f"processes={processes}", f"out={out}"]) == 0
-    assert_same_bits(state(out), alone(method))
+    assert main(["train", *words("spacetime"), "processes=3", f"out={out}"]) == 0
+    assert_same_bits(state(out), alone("spacetime"))
 
 
-@pytest.mark.parametrize("method", ["adc", "spacetime"])
+@pytest.mark.parametrize("method", METHODS)
 def test_processes_that_share_the_gaussians_train_the_bits_of_one(tmp_path, capfd, alone, method):
     run, size = RunFolder(tmp_path / "run"), 4 if method == "adc" else 3
     arguments = (*words(method, shards=4), f"processes={size}", f"out={run.path}")
