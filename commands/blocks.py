@@ -14,7 +14,7 @@ from gsfw.commands.interface.execution import ExecutionOptions, executor_of, res
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
-from gsfw.core.words import duration, size
+from gsfw.core.words import duration, shell_argument, size
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -229,7 +229,7 @@ def _merge(training: BlockTraining, console: Console) -> int:
     )
     count = len(merged.content.splats)
     console.say(f"{count:,} Gaussians in {', '.join(map(str, files))}")
-    model, data = files[1], training.folder
+    model, data = shell_argument(files[1]), shell_argument(training.folder)
     console.say(f"Next: gsfw view {model}, or gsfw eval {model} data={data}")
     console.result(
         {

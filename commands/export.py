@@ -13,7 +13,7 @@ from gsfw.commands.interface.format_options import read_with_format
 from gsfw.core.files.size import bytes_of
 from gsfw.core.progress import stage, tracked
 from gsfw.core.ranges import number
-from gsfw.core.words import size
+from gsfw.core.words import shell_argument, size
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -184,7 +184,7 @@ class _Export:
         if form == PLY or not len(taken.splats) or not is_comparable(path, self.exporter, registry):
             return UNKNOWN  # A PLY has the values as they are.
         if len(taken.splats) > MOST_COMPARED:
-            again = f"gsfw convert {self.found.name} FILE format={form} check=true"
+            again = f"gsfw convert {shell_argument(self.found.name)} FILE format={form} check=true"
             self.console.say(
                 f"format {form} may round values; {again} writes another file and compares it"
             )

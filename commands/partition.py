@@ -10,7 +10,7 @@ from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional,
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
-from gsfw.core.words import size
+from gsfw.core.words import shell_argument, size
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -187,7 +187,7 @@ def _tell(console: Console, plan: Plan, wishes: Wishes, path: Path) -> None:
             f"block {block.name} needs about {size(1e6 * block.memory_mb)}, more than "
             f"memory={size(1e6 * wishes.memory_mb)}. Give more blocks, or downscale=2."
         )
-    console.say(f"written: {path}, {PICTURE}\nNext: gsfw blocks {path.parent}")
+    console.say(f"written: {path}, {PICTURE}\nNext: gsfw blocks {shell_argument(path.parent)}")
     console.result(
         {
             "partition": str(path),

@@ -25,6 +25,7 @@ from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import other_place
 from gsfw.core.progress import stage
+from gsfw.core.words import shell_argument
 from gsfw.plugins.registry import did_you_mean, installed
 
 if TYPE_CHECKING:
@@ -205,7 +206,7 @@ def _opened(found: RunArgument, changed: Mapping[str, Any], team: Team) -> Resto
         raise DataError(
             f"{found.checkpoint} has the model alone: no checkpoint could hold the state of its "
             "run, and training cannot continue from it.",
-            f"Continue from the latest checkpoint: gsfw resume {found.folder.path}",
+            f"Continue from the latest checkpoint: gsfw resume {shell_argument(found.folder.path)}",
         )
     return replace(restored, composition=restored.composition.shared_by(team))
 
@@ -275,7 +276,7 @@ def _is_finished(restored: Restored, console: Console) -> bool:
     run = restored.folder.path
     console.say(
         f"{run} is finished: it has done all of its {steps} steps. "
-        f"To train longer: gsfw resume {run} steps=N"
+        f"To train longer: gsfw resume {shell_argument(run)} steps=N"
     )
     console.result({"run": str(run), "completed": True, "steps": done})
     return True

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from gsfw.commands.interface.arguments import positional, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
 from gsfw.core.ranges import number
-from gsfw.core.words import duration, rough_duration
+from gsfw.core.words import duration, rough_duration, shell_argument
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -287,7 +287,7 @@ def _table(console: Console, study: Study, store: ResultStore, options: StudyOpt
     if not shown_results(study, store):
         raise DataError(
             f"{store.path}: there are no results of {options.file} yet.",
-            f"Train them with gsfw study {shlex.quote(options.file)}.",
+            f"Train them with gsfw study {shell_argument(options.file)}.",
         )
     console.result({"results": str(store.path), "tables": documents(tables)})
     return 0

@@ -1,6 +1,8 @@
-"""Words: times and numbers of bytes as people read them, the same in every message and page."""
+"""Words: times, numbers of bytes and arguments of commands, the same in every message and page."""
 
 from __future__ import annotations
+
+import shlex
 
 
 def duration(seconds: int | float) -> str:
@@ -46,3 +48,8 @@ def _parts(seconds: int | float) -> tuple[int, int, int]:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return hours, minutes, rest
+
+
+def shell_argument(value: object) -> str:
+    """A path or another value, as it is typed into a shell: with quotes if it needs them."""
+    return shlex.quote(str(value))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
+from gsfw.core.words import shell_argument
 from gsfw.datamanagers.images import EXTENSIONS
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
@@ -51,4 +51,4 @@ def _video(path: Path) -> str:
 
 
 def _reconstruct(path: Path) -> str:
-    return f"compute them with gsfw prepare {shlex.quote(str(path))} out=DIR, and give that folder"
+    return f"compute them with gsfw prepare {shell_argument(path)} out=DIR, and give that folder"

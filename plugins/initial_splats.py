@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from shlex import quote
 
 import torch
 
@@ -13,6 +12,7 @@ from gsfw.core.exchange import Importer, SplatFile
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.core.words import shell_argument
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
 
@@ -72,8 +72,8 @@ def refuse_splats(path: Path, registry: Registry) -> None:
     if name is not None:
         raise DataError(
             f"{path} has the format {name}, which holds splats, and no photos with cameras.",
-            f"To look at them: gsfw view {quote(str(path))}. To train on from them: init={path}, "
-            "and data= for the photos.",
+            f"To look at them: gsfw view {shell_argument(path)}. To train on from them: "
+            f"init={path}, and data= for the photos.",
         )
 
 

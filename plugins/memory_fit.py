@@ -28,7 +28,7 @@ from gsfw.core.training_memory import (
     decoded_bytes,
     model_row_memory,
 )
-from gsfw.core.words import size
+from gsfw.core.words import shell_argument, size
 from gsfw.plugins.settings import Settings
 
 CACHE_SHARE = 0.25
@@ -242,8 +242,9 @@ class MemoryFit:
         lines = [f"A run needs less with {' or '.join(less)}."] if less else []
         if many and settings["data"] and not self.data.scene.is_dynamic:
             room = size(memory.room).replace(" ", "")
+            data = shell_argument(settings["data"])
             lines.append(
-                f"gsfw partition {settings['data']} out=DIR memory={room} cuts the scene into "
+                f"gsfw partition {data} out=DIR memory={room} cuts the scene into "
                 "blocks that fit; processes=N shards=N shares the Gaussians of one model among "
                 "machines."
             )

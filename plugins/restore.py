@@ -15,6 +15,7 @@ from gsfw.core.loop.determinism import differences, environment
 from gsfw.core.loop.run_folder import RunFolder, fitting_state, read_checkpoint
 from gsfw.core.part_state import load_part
 from gsfw.core.progress import stage
+from gsfw.core.words import shell_argument
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import read_config
@@ -105,7 +106,11 @@ def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) ->
         return
     model = folder.path / "model.gsfw"
     shown = model if model.is_file() else folder.splats
-    alone = f" Or look at the splats without it: gsfw view {shown}." if shown.is_file() else ""
+    alone = (
+        f" Or look at the splats without it: gsfw view {shell_argument(shown)}."
+        if shown.is_file()
+        else ""
+    )
     raise DataError(
         f"{folder.path} was trained on {data}, and there is no such file or folder any more.",
         f"Say where the data set is now: data=PATH.{alone}",

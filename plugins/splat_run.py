@@ -26,6 +26,7 @@ from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
+from gsfw.core.words import shell_argument
 from gsfw.plugins.compose import compose
 from gsfw.plugins.initial_splats import find_importer, in_scene
 from gsfw.plugins.registry import Registry
@@ -150,7 +151,7 @@ class _SplatCapture(StoredCapture):
         """
         raise DataError(
             f"{self._source} holds splats, and no images to compare with.",
-            f"Render what needs none: gsfw render {self._source} what=orbit",
+            f"Render what needs none: gsfw render {shell_argument(self._source)} what=orbit",
         )
 
 

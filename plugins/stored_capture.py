@@ -10,6 +10,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import DataError
 from gsfw.core.scene import Scene
+from gsfw.core.words import shell_argument
 
 
 class StoredCapture(DataManager):
@@ -52,5 +53,6 @@ class StoredCapture(DataManager):
             where = "It was trained on the built-in scene, not on a data set: give the run's folder"
         raise DataError(
             f"{self._source} contains no images, only the cameras that took them.",
-            f"{where}, or render what needs no images: gsfw render {self._source} what=orbit",
+            f"{where}, or render what needs no images: "
+            f"gsfw render {shell_argument(self._source)} what=orbit",
         )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 import time
 from collections.abc import Sequence
 
+from gsfw.core.words import shell_argument
 from gsfw.reports.curves import time_section, training_section
 from gsfw.reports.figures import callouts, headline, protocol, tiles
 from gsfw.reports.markup import NOTHING, Markup, aspect, div, element, span, webp_uri
@@ -87,7 +87,7 @@ def state(record: RunRecord) -> Markup:
 
 def state_notes(record: RunRecord) -> list[str]:
     """Sentences on what an unfinished run or one without held-out views lacks, with remedies."""
-    path = shlex.quote(str(record.path))
+    path = shell_argument(record.path)
     if not record.is_finished:
         return [_unfinished(record, path)]
     if record.figure("views") == 0:

@@ -27,6 +27,7 @@ from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shell_argument
 
 RUN = "run"
 """Folder of the training, in that of the data set."""
@@ -196,7 +197,7 @@ class FollowingTraining:
             raise OutputError(
                 f"{self.run} is a run, and {self._record}, which says what it was trained with, is "
                 "missing: this command cannot continue it.",
-                f"gsfw resume {shlex.quote(str(self.run))} continues a run that is not finished. "
+                f"gsfw resume {shell_argument(self.run)} continues a run that is not finished. "
                 "For a new one give another folder (out=DIR after train=true), or remove this "
                 "one; the data set is done.",
             )
@@ -211,7 +212,7 @@ class FollowingTraining:
         if folder.splats.is_file():
             console.say(f"{self.run} is finished already: {folder.splats}")
         else:
-            run = shlex.quote(str(self.run))
+            run = shell_argument(self.run)
             console.say(
                 f"{self.run} is finished already, but has no {folder.splats.name}. "
                 f"Write it with: gsfw export {run}"

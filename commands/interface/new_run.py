@@ -11,13 +11,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from shlex import quote
 
 from gsfw.commands.interface.runs import RUNS
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import PARTIAL, readable_write_errors
 from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shell_argument
 
 OTHERS = "another gsfw train or resume"
 """The commands that are kept out of the folder of a run."""
@@ -47,7 +47,8 @@ def _check_empty(out: str) -> None:
     if (path / "config.yaml").exists():
         raise OutputError(
             f"out={out}: this folder holds a run already.",
-            f"Continue it: gsfw resume {quote(str(out))}, or choose another folder with out=DIR.",
+            f"Continue it: gsfw resume {shell_argument(out)}, or choose another folder with "
+            "out=DIR.",
         )
     if path.is_dir() and any(item.name not in (LOCK, CLAIM) for item in path.iterdir()):
         raise OutputError(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from shlex import quote
 from typing import Any
 
 from gsfw.commands.interface.summary import Row, file_rows, next_rows, run_rows, summary_text
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shell_argument
 from gsfw.plugins.config_file import read_config
 from gsfw.reports.run_reader import read_run
 from gsfw.reports.run_record import RunRecord, number
@@ -54,7 +54,7 @@ def describe_run(folder: RunFolder) -> dict[str, Any]:
     if record.requirements:
         document["requirements"] = {key: record.requirements.get(key) for key in REQUIRED}
     if not record.is_finished:
-        document["next"] = f"gsfw resume {quote(str(folder.path))}"
+        document["next"] = f"gsfw resume {shell_argument(folder.path)}"
     return document
 
 

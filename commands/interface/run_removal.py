@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from contextlib import suppress
 from pathlib import Path
-from shlex import quote
 
 import yaml
 
@@ -17,6 +16,7 @@ from gsfw.core.files.folder_lock import LOCK, holder, only_one
 from gsfw.core.files.size import bytes_of
 from gsfw.core.files.yaml_text import parsed_yaml
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shell_argument
 
 
 def check_removable(found: RunArgument) -> Path:
@@ -47,7 +47,7 @@ def check_removable(found: RunArgument) -> Path:
     if here.is_relative_to(path.resolve()):
         raise DataError(
             f"{path.resolve()} cannot be removed from inside of it (you are in {here}).",
-            f"Leave it first: cd {quote(str(path.resolve().parent))}",
+            f"Leave it first: cd {shell_argument(path.resolve().parent)}",
         )
     others = [other.parent for other in path.rglob("config.yaml") if other.parent != path]
     if others:

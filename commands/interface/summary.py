@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 import shutil
 import sys
 import textwrap
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from gsfw.commands.interface.console import WIDTH_OF_FILES
-from gsfw.core.words import duration, size
+from gsfw.core.words import duration, shell_argument, size
 from gsfw.plugins.registry import installed
 from gsfw.reports.plain_text import image_sizes
 
@@ -156,7 +155,7 @@ def next_rows(run: str, verbs: Iterable[str], others: Iterable[str] = ()) -> lis
         others: whole commands.
     """
     known = installed().slot("command")
-    commands = [f"gsfw {verb} {shlex.quote(run)}" for verb in verbs if verb in known]
+    commands = [f"gsfw {verb} {shell_argument(run)}" for verb in verbs if verb in known]
     commands += others
     return [Row("next" if place == 0 else "", text) for place, text in enumerate(commands)]
 

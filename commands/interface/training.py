@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,9 @@ from gsfw.commands.interface.summary import file_rows, next_rows, run_rows, summ
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import Exporter
 from gsfw.core.loop.memory import release_freed_memory
-from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.progress import stage
+from gsfw.core.words import shell_argument
 from gsfw.formats.corrections import write_corrections
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.kernels.cpu.native_module import keep_freed_memory, release_render_memory
@@ -102,7 +101,7 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
     """
     folder = trainer.folder
     report = RequirementsReport(trainer)
-    console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
+    console.say(f"watch it: tensorboard --logdir {shell_argument(folder.path)}")
     try:
         # After a signal the report and the requirements are left to gsfw resume.
         with folder.written_to(lambda: trainer.control.stop_reason is None):
@@ -148,18 +147,13 @@ def write_splats(trainer: Trainer, console: Console) -> int:
     return invisible
 
 
-def quoted(folder: RunFolder) -> str:
-    """The folder, quoted for a shell."""
-    return shlex.quote(str(folder.path))
-
-
 def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console, ending: Ending) -> None:
     """Print the summary of a run that has ended."""
     folder, steps = trainer.folder, trainer.plan.steps
     if not summary["completed"]:
         console.say(
             f"stopped after {summary['steps']} of {steps} steps: {summary['stopped']}.\n"
-            f"Continue with: gsfw resume {quoted(folder)}"
+            f"Continue with: gsfw resume {shell_argument(folder.path)}"
         )
         return
     findings = summary["findings"]
@@ -172,7 +166,7 @@ def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console, ending
         ending.invisible,
     )
     files = file_rows(folder, ending.learnt)
-    run = quoted(folder)
+    run = shell_argument(folder.path)
     # The report is written already, unless the settings say otherwise.
     verbs = ("view", "render", "eval") if folder.report.exists() else ("view", "render", "report")
     target = "out=scene.spz" if folder.splats.exists() else "format=ply"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from gsfw.commands.interface.arguments import RunOptions, read_options
 from gsfw.commands.tradeoff.verb import Budget, Target, check_budget, wish_of
 from gsfw.core.ranges import number
+from gsfw.core.words import shell_argument
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -83,7 +84,7 @@ def run(arguments: list[str]) -> int:
         raise ConfigError(
             f"{found.name}: tradeoff compares variants of one set of splats, and views draw cuts "
             "of a tree.",
-            f"Convert it first: gsfw convert {found.name} splats.ply",
+            f"Convert it first: gsfw convert {shell_argument(found.name)} splats.ply",
         )
     restored = restore_run(found, registry, options.changed())
     is_file = found.model_file is not None

@@ -21,6 +21,7 @@ from gsfw.core.loop.run_folder import NotFiniteError
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.part_state import state_of
 from gsfw.core.progress import stage
+from gsfw.core.words import shell_argument
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
@@ -104,7 +105,7 @@ class Checkpoints:
             logger.warning(
                 "%s has the state after %d steps: once the error below is corrected, gsfw resume "
                 "%s continues from there",
-                *(kept, trainer.step, trainer.folder.path),
+                *(kept, trainer.step, shell_argument(trainer.folder.path)),
             )
 
     def check(self, trainer: Trainer) -> None:
@@ -169,13 +170,14 @@ class Checkpoints:
 
 def _advice(trainer: Trainer, advice: str, model: Path | None) -> str:
     """The remedy, and the files that are kept."""
-    lines = [advice]
+    lines, run = [advice], shell_argument(trainer.folder.path)
     if model is not None:
-        lines.append(f"{model} has the model after {trainer.step} steps: gsfw view {model}")
+        lines.append(
+            f"{model} has the model after {trainer.step} steps: gsfw view {shell_argument(model)}"
+        )
     kept = trainer.folder.latest_checkpoint()
     if kept is not None:
         lines.append(
-            f"{kept} is kept: once that is corrected, gsfw resume {trainer.folder.path} continues "
-            "from there."
+            f"{kept} is kept: once that is corrected, gsfw resume {run} continues from there."
         )
     return "\n".join(lines)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.scene import Scene
+from gsfw.core.words import shell_argument
 
 if TYPE_CHECKING:
     from gsfw.core.loop.evaluation import Evaluation
@@ -235,7 +235,9 @@ def _longer(evidence: Evidence) -> str:
 def _check(evidence: Evidence) -> str:
     data = evidence.settings.get("data")
     return (
-        f"gsfw check {quote(str(data))}, for cameras that do not fit" if data else "other settings"
+        f"gsfw check {shell_argument(data)}, for cameras that do not fit"
+        if data
+        else "other settings"
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from shlex import quote
 from traceback import clear_frames
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import torch
 from gsfw.core.errors import NotEnoughMemoryError, TrainingError, UserError
 from gsfw.core.loop.growth_limit import LIMITS
 from gsfw.core.machine_memory import MachineMemory
-from gsfw.core.words import size
+from gsfw.core.words import shell_argument, size
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
@@ -105,5 +104,5 @@ def _advice(trainer: Trainer, cache: str, elsewhere: str) -> str:
     if kept is None or kept == folder.checkpoint(0):
         return f"{advice}."
     change = f"{cache}=0" if settings.get(cache) else elsewhere
-    resume = f"gsfw resume {quote(str(folder.path))} {change}".rstrip()
+    resume = f"gsfw resume {shell_argument(folder.path)} {change}".rstrip()
     return f"{advice}.\n{kept} is kept: {resume} continues from there."

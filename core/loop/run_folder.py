@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError, OutputError, UserError
@@ -19,6 +18,7 @@ from gsfw.core.files.atomic import (
     write_atomically,
 )
 from gsfw.core.files.json_text import json_text, parsed_json
+from gsfw.core.words import shell_argument
 
 if TYPE_CHECKING:
     import torch
@@ -244,7 +244,7 @@ class RunFolder:
         if self._is_watched and not self.unfinished.exists():
             raise OutputError(
                 f"{self.path} is gone: it was removed, or its disk is no longer there.",
-                f"Bring the disk back, and continue with gsfw resume {quote(str(self.path))}.",
+                f"Bring the disk back, and continue with gsfw resume {shell_argument(self.path)}.",
             )
 
     def cut_metrics_log(self, step: int, is_evaluated_again: bool) -> None:

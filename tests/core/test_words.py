@@ -1,11 +1,11 @@
-"""Times and numbers of bytes in words; nothing else in the project spells them."""
+"""Times, numbers of bytes and arguments in words; nothing else in the project spells them."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from gsfw.core.words import clock, duration, rough_duration, rough_size, size
+from gsfw.core.words import clock, duration, rough_duration, rough_size, shell_argument, size
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -41,9 +41,14 @@ def test_a_clock_has_minutes_and_seconds_or_hours():
     assert [clock(s) for s in (0.2, 59.6, 3725.0)] == ["0:00", "1:00", "1:02:05"]
 
 
+def test_an_argument_of_a_command_has_quotes_where_it_needs_them():
+    typed = [shell_argument(path) for path in (Path("runs/a"), "my run", "it's")]
+    assert typed == ["runs/a", "'my run'", "'it'\"'\"'s'"]
+
+
 def test_no_other_module_spells_times_or_sizes_of_its_own():
     spells = re.compile(
-        r"def _?(rough_)?(duration|clock|size_text|human_\w+)\(seconds|def size_text"
+        r"def _?(rough_)?(duration|clock|size_text|human_\w+)\(seconds|def size_text|shlex\.quote\(|from shlex"
     )
     folders = (path.parent for path in ROOT.glob("*/__init__.py"))
     found = [
