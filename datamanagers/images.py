@@ -26,6 +26,7 @@ from gsfw.datamanagers.area import (
     to_pixels,
     to_values,
 )
+from gsfw.datamanagers.color_profile import in_srgb
 from gsfw.datamanagers.fitted_map import FittedMap
 from gsfw.datamanagers.warp import Warp
 
@@ -183,7 +184,8 @@ def decode(
 ) -> UInt8[np.ndarray, "h w d"]:
     """The upright image as 8-bit RGB, or RGBA where its header says that it has alpha.
 
-    16-bit colours keep their upper 8 bits; grey, palette and CMYK are converted.
+    16-bit colours keep their upper 8 bits; grey, palette and CMYK are converted, and colours of an
+    embedded profile become sRGB.
 
     Args:
         path: of the file.
@@ -201,7 +203,7 @@ def decode(
         if upright.mode.startswith("I"):
             grey = np.asarray(upright).clip(0, 65535).astype(np.uint16) >> 8
             return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
-        return np.array(upright.convert("RGBA" if header.has_alpha else "RGB"))
+        return np.array(in_srgb(upright, "RGBA" if header.has_alpha else "RGB"))
 
 
 def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:

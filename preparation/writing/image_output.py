@@ -18,8 +18,6 @@ from gsfw.datamanagers.images import FORMATS, Header, fit_image
 from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.writing.camera_plan import CameraPlan
 
-PROFILED_MODES = ("RGB", "RGBA", "P", "PA")
-"""Pillow's modes whose colour profile is one of RGB, which is what images are rewritten as."""
 FORMAT_OF_VIDEOS = "JPEG"
 """Output format of their images, which are lossy already."""
 LONGEST_EXIF = 65_000
@@ -51,14 +49,13 @@ class StoredImage:
         return "JPEG" if self.format == "JPEG" else "PNG"
 
     def rewritten(self, pixels: UInt8[np.ndarray, "h w d"], quality: int) -> bytes:
-        """A file of other pixels, with the colour profile and the EXIF of this one.
+        """A file of other pixels, with the EXIF of this one.
 
-        The orientation is left out, as pixels are upright.
+        The orientation is left out, as pixels are upright, and the profile, as colours are sRGB.
         """
         with BoundedFile(self.path) as file, Image.open(file, formats=FORMATS) as image:
-            profile = image.info.get("icc_profile") if image.mode in PROFILED_MODES else None
             exif = _exif(image)
-        return encoded(pixels, self.rewritten_format, quality, profile, exif)
+        return encoded(pixels, self.rewritten_format, quality, exif)
 
 
 @dataclass(frozen=True)
@@ -111,11 +108,7 @@ def encoded_mask(mask: Bool[np.ndarray, "h w"]) -> bytes:
 
 
 def encoded(
-    pixels: UInt8[np.ndarray, "h w d"],
-    format_name: str,
-    quality: int,
-    profile: bytes | None = None,
-    exif: bytes = b"",
+    pixels: UInt8[np.ndarray, "h w d"], format_name: str, quality: int, exif: bytes = b""
 ) -> bytes:
     """An image as the bytes of a JPEG (without subsampled colours) or PNG.
 
@@ -123,7 +116,6 @@ def encoded(
         pixels: grey (d = 1), RGB or RGBA.
         format_name: JPEG or PNG.
         quality: of a JPEG, up to 100.
-        profile: an ICC profile.
         exif: as Pillow writes it.
     """
     # PNG's usual effort (6) takes five times as long, for files that are 8 % smaller.
@@ -132,7 +124,7 @@ def encoded(
     )
     buffer = io.BytesIO()
     flat = pixels[..., 0] if pixels.shape[2] == 1 else pixels
-    Image.fromarray(flat).save(buffer, format_name, icc_profile=profile, exif=exif, **settings)
+    Image.fromarray(flat).save(buffer, format_name, exif=exif, **settings)
     return buffer.getvalue()
 
 
