@@ -30,7 +30,8 @@ def in_srgb(image: Image.Image, mode: str) -> Image.Image:
     """
     profile = image.info.get("icc_profile")
     colors = image.convert(mode)
-    transform = _to_srgb(profile, mode) if profile else None
+    # Pillow gives whatever a TIFF has under the tag of the profile.
+    transform = _to_srgb(profile, mode) if isinstance(profile, bytes) else None
     return colors if transform is None else transform.apply(colors)
 
 

@@ -239,16 +239,16 @@ def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple
     if not missing:
         return ()
     shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+    encoding, hint = sys.getfilesystemencoding(), ""
+    if encoding != "utf-8" and not f"{looked_in}{''.join(missing)}".isascii():
+        hint = f" (this locale encodes names as {encoding}; PYTHONUTF8=1 finds those in UTF-8)"
     if len(missing) == total:
         if looked_in.is_dir():
             with readable(looked_in):
                 os.listdir(looked_in)
+                os.stat(f"{looked_in}/.")  # A folder may be listed, and its files be out of reach.
         raise DataError(
-            f"none of the {total} images is in {looked_in} (looked for {shown}).",
+            f"none of the {total} images is in {looked_in} (looked for {shown}){hint}.",
             "Put the images there, or name their folder (datamanager.images=DIR).",
         )
-    note = f"{len(missing)} of {total} images are not on disk and are left out: {shown}"
-    encoding = sys.getfilesystemencoding()
-    if encoding != "utf-8" and not all(name.isascii() for name in missing):
-        note += f" (this locale encodes names as {encoding}; PYTHONUTF8=1 finds those in UTF-8)"
-    return (note,)
+    return (f"{len(missing)} of {total} images are not on disk and are left out: {shown}{hint}",)

@@ -97,13 +97,7 @@ def read_header(path: Path) -> Header:
                 f"{path}: the pixels are floating-point numbers.",
                 "Expected 8 or 16 bits per channel; convert the image to PNG.",
             )
-        if image.format == "TIFF" and _is_planar_16_bit(image):
-            raise DataError(
-                f"{path}: the TIFF holds each of its 16-bit channels apart (planar), of which only "
-                "8 bits could be read.",
-                "Store its channels together (tiffcp -p contig IN.tif OUT.tif), or convert it to "
-                "PNG.",
-            )
+        _refuse_planar_16_bit(path, image)
         orientation = _orientation(image)
         width, height = image.size if orientation < 5 else image.size[::-1]
         has_alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
@@ -229,6 +223,7 @@ def numbers_header(path: Path) -> tuple[tuple[int, int, int], np.dtype[np.generi
         DataError: it is no image that can be decoded to numbers.
     """
     with _opened(path, whole=False) as image:
+        _refuse_planar_16_bit(path, image)
         if image.mode not in NUMBERS:
             raise DataError(
                 f"{path}: pixels of the mode {image.mode} are no plain numbers.",
@@ -304,11 +299,16 @@ def _reason(path: Path, error: Exception) -> str:
     return f"the image does not decode: {error}"
 
 
-def _is_planar_16_bit(image: Image.Image) -> bool:
-    """True for a TIFF that Pillow would read as 8-bit channels, which gives another image."""
+def _refuse_planar_16_bit(path: Path, image: Image.Image) -> None:
+    """Refuse a TIFF that Pillow would read as 8-bit channels, which gives another image."""
     tags = getattr(image, "tag_v2", {})
     bits = tags.get(258, (1,))  # BitsPerSample; 284: PlanarConfiguration (TIFF 6.0).
-    return tags.get(284) == 2 and len(bits) > 1 and max(bits) > 8
+    if image.format == "TIFF" and tags.get(284) == 2 and len(bits) > 1 and max(bits) > 8:
+        raise DataError(
+            f"{path}: the TIFF holds each of its 16-bit channels apart (planar), which Pillow does "
+            "not read correctly.",
+            "Store its channels together (tiffcp -p contig IN.tif OUT.tif), or convert it to PNG.",
+        )
 
 
 def _orientation(image: Image.Image) -> int:

@@ -29,13 +29,13 @@ class VideoTraits:
     width: int
     """Pixels of an image as it is stored."""
     height: int
-    """Likewise."""
+    """Rows of an image as it is stored."""
     mirrored: bool = False
     """True if an image is to be mirrored, left to right, before it is turned."""
     turns: int = 0
     """Quarter turns, counter-clockwise, that make an image upright."""
     aspect: Fraction = Fraction(1)
-    """Width of a stored pixel by its height."""
+    """Width of a stored pixel divided by its height."""
     transfer: int = 0
     """Transfer characteristic, by its number in ITU-T H.273."""
     interlaced: bool = False
@@ -81,14 +81,13 @@ class VideoTraits:
         """Clauses on images that do not look as they should."""
         if self.transfer in HDR:
             yield (
-                f"the video is HDR ({HDR[self.transfer]}), and its colours are used as they are "
-                f"stored, which look pale: {NO_HDR}"
+                f"the video is HDR ({HDR[self.transfer]}), and gsfw does not convert its colours, "
+                f"so they look pale; {NO_HDR}"
             )
         if self.interlaced:
             yield (
-                "the video is interlaced: the rows of an image are of two times, and edges of all "
-                "that moves look like combs; write it anew: ffmpeg -i OLD -vf bwdif=send_frame "
-                "NEW.mp4"
+                "the video is interlaced: the rows of an image show two times, so moving edges are "
+                "jagged; write it anew with ffmpeg -i OLD -vf bwdif=send_frame NEW.mp4"
             )
 
 

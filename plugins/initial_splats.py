@@ -23,7 +23,7 @@ def importer_of(path: Path, registry: Registry) -> str | None:
     Importers look at the content, and at the suffix where a format has no mark of its own.
 
     Raises:
-        DataError: it is a pipe or a device, which whoever looks at its beginning takes it from.
+        DataError: it is a pipe or a device, whose beginning can be read only once.
     """
     if not path.exists():
         return None
@@ -73,7 +73,7 @@ def refuse_splats(path: Path, registry: Registry) -> None:
         raise DataError(
             f"{path} has the format {name}, which holds splats, and no photos with cameras.",
             f"To look at them: gsfw view {shell_argument(path)}. To train on from them: "
-            f"init={path}, and data= for the photos.",
+            f"init={shell_argument(path)}, and data= for the photos.",
         )
 
 

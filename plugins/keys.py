@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import difflib
 import inspect
+import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -107,7 +108,9 @@ def class_help(kind: type) -> str:
     There ``__doc__`` is the signature, which dataclasses put in the place of a missing docstring.
     """
     declaration = _declaration(kind)
-    return "" if declaration is None else ast.get_docstring(declaration) or ""
+    if declaration is not None:
+        return ast.get_docstring(declaration) or ""
+    return "" if sys.flags.optimize > 1 else inspect.cleandoc(kind.__doc__ or "")
 
 
 @cache

@@ -100,7 +100,10 @@ def what_is_missing(path: Path) -> str:
         missing, parent = parent, parent.parent
     if missing.is_symlink():
         target = os.readlink(missing)
-        return f"{missing} is a link to {target}, which cannot be reached. Connect its disk."
+        return (
+            f"{missing} is a link to {target}, which cannot be reached. Correct the link, or "
+            "connect the disk of its target."
+        )
     near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
     return f"{parent.resolve()} contains no {missing.name!r}.{near}"
 

@@ -216,13 +216,13 @@ def _usable(path: ViewPath, relative: Float[np.ndarray, " n"]) -> Bool[np.ndarra
 
 
 def _notes_on_pixels(video: Video) -> Iterator[str]:
-    """Notes on images that look otherwise than they should, or have pixels that are oblong."""
+    """Notes on HDR, interlaced and oblong images."""
     yield from video.traits.notes()
     if abs(video.traits.aspect - 1) > ROUNDED:
         yield (
             f"its pixels are not square ({video.traits.aspect} as wide as high), and cameras are "
-            "computed for square ones: write it anew: ffmpeg -i OLD -vf scale=iw*sar:ih,setsar=1 "
-            "NEW.mp4"
+            "computed for square ones; write it anew with ffmpeg -i OLD -vf "
+            "scale=iw*sar:ih,setsar=1 NEW.mp4"
         )
 
 

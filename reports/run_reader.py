@@ -36,7 +36,11 @@ def read_run(folder: RunFolder, started: float | None = None) -> RunRecord:
     if summary is None:
         damage = damage or f"{folder.summary.name} is not valid JSON"
     log = read_figures(folder.metrics_log, problems)
-    latest = folder.latest_checkpoint()
+    latest = None
+    try:
+        latest = folder.latest_checkpoint()
+    except OSError as error:
+        damage = damage or f"{folder.checkpoints} cannot be read: {error.strerror}"
     done = [int(step) for line in log if (step := number(line.get("step"))) is not None]
     done += [] if latest is None else [int(latest.stem.split("_")[1])]
     final = _final(summary or {}, settings, max(done, default=None))

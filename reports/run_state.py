@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 from enum import Enum
 
@@ -34,6 +35,8 @@ def judge(folder: RunFolder, is_finished: bool, damage: str) -> tuple[State, str
     latest = folder.latest_checkpoint()
     if latest is None and not is_finished:
         return State.DAMAGED, "it has no checkpoint: nothing was trained"
+    if latest is not None and not os.access(latest, os.R_OK):
+        return State.DAMAGED, f"{latest.name} cannot be read: check its permissions"
     if latest is not None and not zipfile.is_zipfile(latest):
         return State.DAMAGED, f"{latest.name} is cut short or is no checkpoint"
     return (State.FINISHED if is_finished else State.INTERRUPTED), ""

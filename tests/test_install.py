@@ -40,6 +40,7 @@ def test_without_a_compiler_the_package_installs_as_pure_python(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
+@pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler")
 def test_a_compiler_that_is_installed_later_is_found_in_the_same_build_folder(tmp_path):
     before = ["-DCMAKE_CXX_COMPILER=NOTFOUND", "-DSKBUILD_PROJECT_VERSION=0"]
     command = ["cmake", "-S", str(ROOT), "-B", str(tmp_path), *before]
@@ -52,8 +53,8 @@ def test_the_page_on_installation_has_every_extra():
     project = parsed_toml((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     page = (ROOT / "docs" / "start" / "installation.md").read_text(encoding="utf-8")
     table = page.partition("## Extras")[2].partition("\n## ")[0]
-    named = set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
-    assert named == project["optional-dependencies"].keys()
+    named = re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)
+    assert sorted(named) == sorted(project["optional-dependencies"])
 
 
 def test_the_version_is_that_of_the_distribution():

@@ -160,11 +160,16 @@ def _forbidden(error: BaseException) -> UserError | None:
 
 def _unencodable(error: BaseException) -> UserError | None:
     """The clear message for a file name that the locale has no letters for; else ``None``."""
+    if not isinstance(error, UnicodeEncodeError):
+        return None
+    try:
+        os.fsencode(error.object)
+    except UnicodeEncodeError as own:
+        if own.encoding != error.encoding or own.encoding == "utf-8":
+            return None
+    else:
+        return None
     encoding = sys.getfilesystemencoding()
-    if not isinstance(error, UnicodeEncodeError) or error.encoding != encoding:
-        return None
-    if encoding == "utf-8":
-        return None
     return DataError(
         f"{error.object!a} cannot be the name of a file: this locale encodes names as {encoding}.",
         "Set PYTHONUTF8=1 for names in UTF-8, and give the same command again.",

@@ -37,7 +37,7 @@ def describe_run(folder: RunFolder) -> dict[str, Any]:
         read_config(folder.config)  # It says what is wrong with the file.
     checkpoints: list[dict[str, Any]] = [
         {"step": int(path.stem.split("_")[1]), "bytes": path.stat().st_size, "path": str(path)}
-        for path in sorted(folder.checkpoints.glob("step_*.pt"))
+        for path in sorted(folder.checkpoints.glob("*_*.pt"))
     ]
     document: dict[str, Any] = {
         "kind": "run",

@@ -11,6 +11,7 @@ from gsfw.commands.interface.run_history import remembered_runs
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.size import bytes_of
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shell_argument
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 
 if TYPE_CHECKING:
@@ -106,11 +107,12 @@ def find_run(
         )
     if splats:
         return RunArgument(RunFolder(path.parent), None, splat_file=path)
+    name = shell_argument(text)
     raise DataError(
         f"{text} holds splats, and is not a run: it has no photos to compare with, and no training "
         "to continue.",
-        f"For splats there are: gsfw info {text}; gsfw view {text}; gsfw render {text}; "
-        f"gsfw convert {text} OUT; gsfw train method=3dgs init={text}",
+        f"For splats there are: gsfw info {name}; gsfw view {name}; gsfw render {name}; "
+        f"gsfw convert {name} OUT; gsfw train method=3dgs init={name}",
     )
 
 

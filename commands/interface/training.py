@@ -69,7 +69,8 @@ def run_training(trainer: Trainer, console: Console) -> int:
     """Train to the end, or until a signal; print the result, and return the exit code.
 
     Raises:
-        TrainingError: the GPU's memory is full, or steps are no longer finite.
+        TrainingError: the GPU's memory is full, steps are no longer finite, or no checkpoint can
+            hold the state of a part.
     """
     keep_freed_memory()
     recorded = tracebacks_in(trainer.folder, lambda: trainer.step > 0)
@@ -97,7 +98,8 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
         The summary of the run.
 
     Raises:
-        TrainingError: the GPU's memory is full, or steps are no longer finite.
+        TrainingError: the GPU's memory is full, steps are no longer finite, or no checkpoint can
+            hold the state of a part.
     """
     folder = trainer.folder
     report = RequirementsReport(trainer)

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from gsfw.core.errors import NotEnoughMemoryError, OutputError, TrainingError, UserError
+from gsfw.core.errors import (
+    ConfigError,
+    NotEnoughMemoryError,
+    OutputError,
+    TrainingError,
+    UserError,
+)
 from gsfw.core.loop.determinism import environment
 from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.loop.run_folder import NotFiniteError
@@ -92,21 +98,22 @@ class Checkpoints:
     def keep_after(self, error: Exception, trainer: Trainer) -> None:
         """Write a checkpoint when an error ends the training, such as a bug of a plugin; say so.
 
-        An error of the state, of memory or of the disk would only come again.
+        An error of the state, of memory or of the disk would only come again. Of several processes,
+        the others may be in the middle of a step, so that none of them writes.
         """
         again = isinstance(error, (TrainingError, NotEnoughMemoryError, OutputError))
         if again or trainer.walk.updates == 0:
             return
-        before = trainer.folder.latest_checkpoint()
         with suppress(Exception):  # The first error is the one to report.
+            before = trainer.folder.latest_checkpoint()
             self.keep(trainer)
-        kept = trainer.folder.latest_checkpoint()
-        if kept != before:
-            logger.warning(
-                "%s has the state after %d steps: once the error below is corrected, gsfw resume "
-                "%s continues from there",
-                *(kept, trainer.step, shell_argument(trainer.folder.path)),
-            )
+            kept = trainer.folder.latest_checkpoint()
+            if kept != before:
+                logger.warning(
+                    "%s has the state after %d steps: once the error below is corrected, gsfw "
+                    "resume %s continues from there",
+                    *(kept, trainer.step, shell_argument(trainer.folder.path)),
+                )
 
     def check(self, trainer: Trainer) -> None:
         """Check, ever more rarely, that a checkpoint can hold the states of the parts as they are.
@@ -136,8 +143,10 @@ class Checkpoints:
         except (OutputError, torch.OutOfMemoryError):
             raise
         except Exception as error:
-            if trainer.walk.updates == 0:
-                raise  # Nothing is lost.
+            if trainer.walk.updates == 0:  # Nothing is lost.
+                if isinstance(error, NotFiniteError):
+                    raise ConfigError(f"{error}.", FINITE) from None
+                raise
             self._updates = trainer.walk.updates  # Another attempt would fail, too.
             model = self._write_model(trainer)
             if isinstance(error, UserError):

@@ -14,8 +14,8 @@ import torch
 from gsfw.core.errors import ConfigError
 
 NOT_BUILT = (
-    "the native CPU module was not built: no working C++ compiler (GCC or Clang) or no headers of "
-    "Python were found at installation. Install both (Debian: apt install g++ python3-dev; "
+    "the native CPU module was not built: a working C++ compiler (GCC or Clang) or the headers of "
+    "Python were missing at installation. Install both (Debian: apt install g++ python3-dev; "
     "macOS: xcode-select --install), then: pip install --force-reinstall --no-deps ."
 )
 

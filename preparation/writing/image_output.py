@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image
-from PIL.ExifTags import Base
+from PIL.ExifTags import IFD, Base
 
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import FORMATS, Header, fit_image
@@ -20,6 +20,8 @@ from gsfw.preparation.writing.camera_plan import CameraPlan
 
 FORMAT_OF_VIDEOS = "JPEG"
 """Output format of their images, which are lossy already."""
+SRGB = 1
+"""The colour space of EXIF (CIPA DC-008, tag 40961)."""
 LONGEST_EXIF = 65_000
 """Bytes; a JPEG has room for 65,533."""
 
@@ -129,13 +131,17 @@ def encoded(
 
 
 def _exif(image: Image.Image) -> bytes:
-    """EXIF data of an image without its orientation; empty where it cannot be read."""
+    """EXIF data of an image as upright sRGB; empty where it cannot be read."""
     try:
         exif = image.getexif()
         # Those of a TIFF tell where in the file its pixels are.
         if not exif or image.format == "TIFF":
             return b""
         exif.pop(Base.Orientation, None)
+        details = exif.get_ifd(IFD.Exif)
+        details.pop(IFD.Interop, None)  # DCF notes Adobe RGB there.
+        if Base.ColorSpace in details:
+            details[Base.ColorSpace] = SRGB
         content = exif.tobytes()
     except Exception:  # Pillow raises whatever a broken tag makes it.
         return b""

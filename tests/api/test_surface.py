@@ -42,6 +42,7 @@ RECEIVED = {
     "SpacetimeGaussians": "made by a method for moving scenes",
     "SpacetimeOptim": "settings of a method for moving scenes, in a field of its config",
     "Undistortion": "made by Frame",
+    "VideoTraits": "made by Video.read",
 }
 """Classes in public signatures that no plugin has to make or to name, and why."""
 

@@ -92,6 +92,28 @@ def test_a_damaged_run_says_why(capsys, why):
     assert f"\ndamaged: {path}: {why}\n" in capsys.readouterr().out
 
 
+def test_a_run_whose_checkpoints_may_not_be_read_leaves_the_others_in_the_list(capsys, monkeypatch):
+    make_run("a")
+    make_run("b", done=40)
+
+    def refuse(folder):
+        if folder.path.name == "a":
+            raise PermissionError(13, "Permission denied", str(folder.checkpoints))
+        return folder.checkpoint(40)
+
+    monkeypatch.setattr(RunFolder, "latest_checkpoint", refuse)
+    found = {Path(record["path"]).name: record for record in listed(capsys)}
+    assert (found["a"]["state"], found["b"]["state"]) == ("damaged", "interrupted")
+    assert found["a"]["why"].endswith("a/checkpoints cannot be read: Permission denied")
+
+
+def test_a_checkpoint_that_may_not_be_read_is_not_called_cut_short(capsys, monkeypatch):
+    make_run("a")
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    (record,) = listed(capsys)
+    assert record["why"] == "step_000000100.pt cannot be read: check its permissions"
+
+
 def test_a_run_without_a_checkpoint_is_damaged_unless_it_is_finished(capsys):
     shutil.rmtree(make_run("a", done=40) / "checkpoints")
     shutil.rmtree(make_run("b") / "checkpoints")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, TiffImagePlugin, TiffTags
 from support.color_profiles import DISPLAY_P3, SRGB, profile, srgb_of
 
 from gsfw.datamanagers.images import decode, read_header
@@ -45,6 +45,13 @@ def test_alpha_stays_as_it_is(tmp_path):
 def test_numbers_of_srgb_keep_their_bits(tmp_path):
     own = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     assert np.array_equal(decoded(tmp_path / "a.png", COLORS, icc_profile=own), COLORS)
+
+
+def test_a_tiff_with_a_number_in_place_of_its_profile_is_read_as_it_is(tmp_path):
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[34675] = 1
+    tags.tagtype[34675] = TiffTags.SHORT
+    assert np.array_equal(decoded(tmp_path / "a.tif", COLORS, tiffinfo=tags), COLORS)
 
 
 @pytest.mark.parametrize(

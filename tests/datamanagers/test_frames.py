@@ -71,6 +71,8 @@ def test_a_locale_without_utf_8_is_named_beside_images_that_are_missing(tmp_path
     )
     (note,) = missing_images(["e.png"], 2, tmp_path)
     assert note.endswith("left out: e.png")
+    with pytest.raises(DataError, match=r"looked for é\.png.*PYTHONUTF8=1"):
+        missing_images(["é.png"], 1, tmp_path)
 
 
 def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path, monkeypatch):

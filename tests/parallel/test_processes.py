@@ -159,6 +159,7 @@ def test_a_killed_process_ends_the_others_and_the_checkpoint_goes_on(tmp_path, r
         (("method=3dgs", "minutes=3"), "processes=2 and minutes=: runs of several processes end"),
         (("method=3dgs", "data=/nothing", "steps=9"), "data=/nothing: there is no such file"),
         (("method=3dgs", "shards=2", "viewer=true", "steps=9"), "viewer"),
+        (("method=3dgs", "sh=adaptive", "steps=9"), "backward pass"),
         # test_gaussian_parallel.py and test_data_parallel.py have the other refusals of teams.
         (("method=4d-rotor", "shards=2", "datamanager.moving=true", "steps=9"), "other rows"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from shlex import quote
 
 from gsfw.api import ConfigError, Options, read_options
 
@@ -35,6 +36,6 @@ def run(arguments: list[str]) -> int:
         raise ConfigError(f"out={options.out}: expected the name of a new folder.")
     write_room(out, options.frames, options.width, options.noise)
     console = Console(options.json)
-    console.say(f"{options.frames} images with depth in {out}; gsfw train data={out}")
+    console.say(f"{options.frames} images with depth in {out}; gsfw train data={quote(str(out))}")
     console.result({"folder": str(out), "frames": options.frames})
     return 0

@@ -53,13 +53,18 @@ def test_a_file_that_may_not_be_used_is_no_bug(capsys, tmp_path):
         raise error
 
 
-def test_a_name_that_the_locale_cannot_encode_is_no_bug(capsys, monkeypatch):
-    monkeypatch.setattr("sys.getfilesystemencoding", lambda: "ascii")
-    error = UnicodeEncodeError("ascii", "images/é.jpg", 7, 8, "ordinal not in range(128)")
+@pytest.mark.parametrize("encoding", ["ascii", "iso8859-1", "cp1252"])
+def test_a_name_that_the_locale_cannot_encode_is_no_bug(capsys, monkeypatch, encoding):
+    monkeypatch.setattr("sys.getfilesystemencoding", lambda: encoding)
+    monkeypatch.setattr("os.fsencode", lambda name: name.encode(encoding))
+    # The error of the last two names another encoding: latin-1 and charmap.
+    with pytest.raises(UnicodeEncodeError) as caught:
+        "images/\u0142.jpg".encode(encoding)
+    error = caught.value
     assert report(error, Console(), debug=False) == 2
     assert capsys.readouterr().err == (
-        "error: 'images/\\xe9.jpg' cannot be the name of a file: this locale encodes names as "
-        "ascii.\n"
+        "error: 'images/\\u0142.jpg' cannot be the name of a file: this locale encodes names as "
+        f"{encoding}.\n"
         "Set PYTHONUTF8=1 for names in UTF-8, and give the same command again.\n"
     )
 

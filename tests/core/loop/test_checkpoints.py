@@ -112,6 +112,12 @@ def test_a_bug_of_a_state_stays_a_bug_and_the_model_is_kept(tmp_path, caplog):
     assert caplog.messages == [f"{model} has the model after 3 steps"]
 
 
+def test_a_state_that_is_not_finite_at_the_start_is_no_bug_of_gsfw(tmp_path):
+    run = run_of(tmp_path, 0, torch.tensor([float("nan")]))
+    with pytest.raises(ConfigError, match="is not finite"):
+        run.fit()
+
+
 class Failing(Counting):
     """A sampler that fails after so many views."""
 

@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from PIL.ExifTags import Base
+from PIL.ExifTags import IFD, Base
 from support.color_profiles import DISPLAY_P3, profile
 
 from gsfw.datamanagers.images import decode_mask, read_header
@@ -50,6 +50,15 @@ def test_several_images_in_one_jpeg_count_as_a_jpeg(tmp_path):
 def test_the_profile_is_left_out_as_decoded_colours_are_srgb(tmp_path):
     image = stored(tmp_path / "a.jpg", icc_profile=profile(DISPLAY_P3))
     assert "icc_profile" not in rewritten(image).info
+
+
+def test_exif_says_that_rewritten_colours_are_srgb(tmp_path):
+    exif = Image.Exif()
+    exif[Base.Make] = "A maker"
+    exif[IFD.Exif] = {Base.ColorSpace.value: 65535, IFD.Interop.value: {1: "R03"}}
+    found = rewritten(stored(tmp_path / "a.jpg", exif=exif)).getexif()
+    assert found[Base.Make] == "A maker"
+    assert found.get_ifd(IFD.Exif) == {Base.ColorSpace: 1}
 
 
 def test_exif_that_cannot_be_written_is_dropped(tmp_path):
