@@ -60,7 +60,7 @@ def test_without_the_native_module_it_says_what_is_lost(capsys, monkeypatch):
     assert main(["doctor", "json=true"]) == 0
     status, details = findings(capsys)["native CPU module"]
     assert status == "missing"
-    assert "no working C++ compiler (GCC or Clang) or no headers of Python were found" in details
+    assert "a working C++ compiler (GCC or Clang) or the headers of Python were missing" in details
 
 
 def test_a_library_that_does_not_load_is_installed_anew_by_the_name_of_its_package(

@@ -68,9 +68,9 @@ def test_traits_are_read_from_the_file(tmp_path):
 def test_images_that_look_otherwise_than_they_should_are_told():
     assert not list(replace(PLAIN, transfer=1).notes())
     (note,) = replace(PLAIN, transfer=16).notes()
-    assert note.startswith("the video is HDR (PQ), and its colours are used as they are stored, ")
+    assert note.startswith("the video is HDR (PQ), and gsfw does not convert its colours, ")
     (note,) = replace(PLAIN, interlaced=True).notes()
-    assert note.startswith("the video is interlaced: the rows of an image are of two times, ")
+    assert note.startswith("the video is interlaced: the rows of an image show two times, ")
 
 
 def test_a_video_that_changes_its_size_is_refused_where_it_does(tmp_path):

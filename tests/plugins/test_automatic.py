@@ -78,7 +78,7 @@ def test_a_link_to_what_is_not_there_is_no_suggestion(tmp_path):
     assert data_refusal(tmp_path / "garden") == (
         f"data={tmp_path / 'garden'}: there is no such file or folder.\n"
         f"{tmp_path / 'garden'} is a link to {tmp_path / 'unplugged' / 'garden'}, which cannot be "
-        "reached. Connect its disk."
+        "reached. Correct the link, or connect the disk of its target."
     )
 
 

@@ -13,6 +13,7 @@ from gsfw.commands.interface.runs import find_run
 from gsfw.commands.main import main
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import SplatFile
+from gsfw.core.words import shell_argument
 from gsfw.formats.ply import PlyExporter
 from gsfw.plugins.exporters import format_of, make_exporter
 from gsfw.plugins.initial_splats import check_initial, find_importer, importer_of
@@ -128,7 +129,7 @@ def test_a_verb_for_runs_says_what_splats_lack(folder, capsys, verb):
         assert main([verb, str(path)]) == 2
         said = capsys.readouterr().err
         assert said.startswith(f"error: {path} holds splats, and is not a run: it has no photos")
-        assert f"gsfw convert {path} OUT" in said
+        assert f"gsfw convert {shell_argument(path)} OUT" in said
 
 
 @pytest.mark.slow
