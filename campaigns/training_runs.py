@@ -21,8 +21,13 @@ from gsfw.core.loop.run_folder import RunFolder, check_finite, read_checkpoint
 
 QUIET = ("device=cpu", "report=false", "callbacks.tensorboard.enabled=false")
 """Settings of every run: what these write is tried elsewhere."""
-INNER_ERRORS = ("Traceback (most recent call last)", "failed unexpectedly")
-"""Phrases of errors that nobody has foreseen, in messages and in log.txt."""
+INNER_ERRORS = (
+    "Traceback (most recent call last)",
+    "failed unexpectedly",
+    "no checkpoint can be written",
+)
+"""Phrases of errors that nobody has foreseen, in messages and in log.txt. A state that cannot be
+written is an error of a part, and all parts of these runs are gsfw's own."""
 LOOK = 0.02
 """Seconds between two looks at the memory of a process."""
 TOLD = (1, 2)
