@@ -78,5 +78,5 @@ def test_what_is_odd_about_a_video_is_told(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4", 4))
     traits = replace(video.traits, transfer=18, aspect=Fraction(4, 3))
     hdr, oblong, *_ = choose_frames(replace(video, traits=traits), 3).notes
-    assert hdr.startswith("the video is HDR (HLG), and its colours are used as they are stored, ")
+    assert hdr.startswith("the video is HDR (HLG), and gsfw does not convert its colours, ")
     assert oblong.startswith("its pixels are not square (4/3 as wide as high), and cameras are ")
