@@ -1,6 +1,6 @@
 """Colour profiles: photos in Display P3 or Adobe RGB become sRGB, the space of all output.
 
-Phones embed a profile in their photos. Their numbers, taken for sRGB, are paler than the photo.
+Phones embed a profile in their photos. Numbers of Display P3 that are taken for sRGB look pale.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def describe_run(folder: RunFolder) -> dict[str, Any]:
         read_config(folder.config)  # It says what is wrong with the file.
     checkpoints: list[dict[str, Any]] = [
         {"step": int(path.stem.split("_")[1]), "bytes": path.stat().st_size, "path": str(path)}
-        for path in sorted(folder.checkpoints.glob("*_*.pt"))
+        for path in folder.all_checkpoints()
     ]
     document: dict[str, Any] = {
         "kind": "run",
@@ -48,6 +48,7 @@ def describe_run(folder: RunFolder) -> dict[str, Any]:
         "finished": record.is_finished,
         "metrics": _metrics(record),
         "checkpoints": checkpoints,
+        "models_alone": [str(path) for path in folder.models_alone()],
         "splats": str(folder.splats) if folder.splats.is_file() else None,
         "made_by": dict(record.header),
     }
@@ -96,6 +97,7 @@ def run_text(document: Mapping[str, Any]) -> str:
         ]
     following = ("view", "eval") if record.is_finished else ("resume",)
     files = [*file_rows(folder), *_checkpoint_rows(document["checkpoints"])]
+    files += [Row("model alone", path, "no checkpoint") for path in document["models_alone"]]
     title = f"{folder.path}: run, {state}"
     groups = [_setting_rows(document), figures, [*files, *next_rows(str(folder.path), following)]]
     return summary_text(title, *(rows for rows in groups if rows))

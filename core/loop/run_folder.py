@@ -133,9 +133,9 @@ class RunFolder:
 
     def latest_checkpoint(self) -> Path | None:
         """The checkpoint with the most steps; ``None`` when there is none."""
-        return next(iter(self._all_checkpoints()[::-1]), None)
+        return next(iter(self.all_checkpoints()[::-1]), None)
 
-    def _all_checkpoints(self) -> list[Path]:
+    def all_checkpoints(self) -> list[Path]:
         """All checkpoints, by step.
 
         Raises:
@@ -161,10 +161,10 @@ class RunFolder:
         """
         path = self.checkpoint(step)
         self._write_state(path, step, state)
-        kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
+        kept = [other for other in self.all_checkpoints() if other.name <= path.name][-keep:]
         partial = self.checkpoints.glob(f".step_*{PARTIAL}")  # Of a process that was killed.
-        passed = [other for other in self._models() if other <= self._model(step)]
-        for other in (*self._all_checkpoints(), *partial, *passed):
+        passed = [other for other in self.models_alone() if other <= self._model(step)]
+        for other in (*self.all_checkpoints(), *partial, *passed):
             if other not in kept:
                 other.unlink(missing_ok=True)
         return path
@@ -186,9 +186,9 @@ class RunFolder:
     def _model(self, step: int) -> Path:
         return self.checkpoints / f"model_{step:09d}.pt"
 
-    def _models(self) -> Iterator[Path]:
-        """The models that were written without the rest of their states."""
-        return self.checkpoints.glob("model_*.pt")
+    def models_alone(self) -> list[Path]:
+        """The models that were written without the rest of their states, by step."""
+        return sorted(self.checkpoints.glob("model_*.pt"))
 
     def _write_state(self, path: Path, step: int, state: Mapping[str, Any]) -> None:
         """Write a state atomically."""

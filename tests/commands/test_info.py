@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 import torch
@@ -114,6 +115,17 @@ def test_a_run_that_was_stopped_says_how_to_go_on(run, capsys):
     RunFolder(run).metrics_log.unlink()
     found = document(capsys, run)
     assert (found["steps_done"], found["checkpoints"], found["metrics"]) == (0, [], {})
+
+
+def test_a_model_without_the_rest_of_its_state_is_no_checkpoint_of_its_run(run, capsys):
+    model = RunFolder(run).checkpoints / "model_000000020.pt"
+    for path in (model, model.with_name("a_copy.pt")):
+        path.touch()
+    found = document(capsys, run)
+    assert found["models_alone"] == [str(model)]
+    assert all(Path(item["path"]).name.startswith("step_") for item in found["checkpoints"])
+    assert main(["info", str(run)]) == 0
+    assert f"model alone {model}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_checkpoint_stands_for_its_run(run, capsys):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image, ImageCms, TiffImagePlugin, TiffTags
-from support.color_profiles import DISPLAY_P3, SRGB, profile, srgb_of
+from support.color_profiles import ADOBE_RGB, DISPLAY_P3, SRGB, profile, srgb_of
 
 from gsfw.datamanagers.images import decode, read_header
 
@@ -16,11 +16,12 @@ def decoded(path, pixels, **settings) -> np.ndarray:
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "webp"])
-def test_photos_in_display_p3_become_srgb(tmp_path, suffix):
+@pytest.mark.parametrize("primaries", [DISPLAY_P3, ADOBE_RGB], ids=["Display P3", "Adobe RGB"])
+def test_photos_in_wide_spaces_become_srgb(tmp_path, primaries, suffix):
     settings = {"lossless": True} if suffix == "webp" else {}
     path = tmp_path / f"a.{suffix}"
-    found = decoded(path, COLORS, icc_profile=profile(DISPLAY_P3), **settings)
-    assert np.abs(found - srgb_of(COLORS, DISPLAY_P3)).max() < 2.5
+    found = decoded(path, COLORS, icc_profile=profile(primaries), **settings)
+    assert np.abs(found - srgb_of(COLORS, primaries)).max() < 2.5
     assert np.abs(found.astype(int) - COLORS).max() > 20
 
 
