@@ -20,7 +20,7 @@ from forked_commands import Command, Ended, Server
 from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
 
 from gsfw.core.errors import DataError
-from gsfw.core.loop.run_folder import read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 
 SHARES = {"train": 0.45, "export": 0.3, "prepare": 0.17, "study": 0.08}
 """Parts of the faults for each verb."""

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from gsfw.core.files.folder_lock import CLAIM, LOCK
-from gsfw.core.loop.run_folder import read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 
 TIMES = re.compile(
     r"seconds|_ms|_mb|^(date|commit|when|readings|parallel|on_front|recommended|command|text|findings|remarks)$"

@@ -26,7 +26,8 @@ from gsfw.core.config import DataManagerConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.files.array_file import read_array
 from gsfw.core.files.folder_lock import Owner
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.calibration import read_calibration
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.images import decode, decode_mask, decode_numbers, read_header

@@ -15,7 +15,8 @@ from campaign import ROOT
 from memory_trace import Drift, drift, read_trace
 from training_runs import QUIET, Ended, Judged, Verdict, judge, run_verb
 
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.kernels.cpu.native_module import instruction_set, instruction_sets
 
 DATA = next(

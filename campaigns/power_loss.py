@@ -22,7 +22,8 @@ from forked_commands import Server
 from interrupted_work import LENGTH, Work, training
 
 from gsfw.core.errors import DataError, UserError
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import read_config
 
 RESUMED_EVERY = 60

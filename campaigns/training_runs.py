@@ -17,7 +17,8 @@ import numpy as np
 from memory_trace import anonymous_bytes
 
 from gsfw.core.errors import DataError
-from gsfw.core.loop.run_folder import RunFolder, check_finite, read_checkpoint
+from gsfw.core.loop.checkpoint_file import check_finite, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 
 QUIET = ("device=cpu", "report=false", "callbacks.tensorboard.enabled=false")
 """Settings of every run: what these write is tried elsewhere."""

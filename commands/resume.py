@@ -174,8 +174,8 @@ def _trainer(
     restored: Restored, changed: Mapping[str, Any], caller: Caller, began: float, team: Team
 ) -> tuple[Trainer, Timekeeper | None]:
     """The trainer of a restored run, and what keeps it in its time, if it has one."""
+    from gsfw.core.loop.checkpoint_file import fitting_state
     from gsfw.core.loop.machine_clock import MachineClock
-    from gsfw.core.loop.run_folder import fitting_state
     from gsfw.planning.plan import resumed_timekeeper
     from gsfw.plugins.loading import check_callbacks
 
@@ -196,7 +196,7 @@ def _trainer(
 
 def _opened(found: RunArgument, changed: Mapping[str, Any], team: Team) -> Restored:
     """The run with its checkpoint, for a team of processes."""
-    from gsfw.core.loop.run_folder import MODEL_ALONE
+    from gsfw.core.loop.checkpoint_file import MODEL_ALONE
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Exporter, ExportSource, Holds, StoredModel
-from gsfw.core.loop.run_folder import check_finite
+from gsfw.core.loop.checkpoint_file import check_finite
 from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
 from gsfw.formats.compact.half_precision import halved
 from gsfw.formats.compact.state_reader import StateReader

@@ -14,9 +14,10 @@ from typing import Any
 from gsfw.core.callback import Callback, Control
 from gsfw.core.column import Layout
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.checkpoint_file import fitting_state
 from gsfw.core.loop.evaluation import evaluate
 from gsfw.core.loop.rounded_model import Rounded, RoundedModel
-from gsfw.core.loop.run_folder import RunFolder, fitting_state
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import stage
 from gsfw.core.refinement.refiners import Refiners

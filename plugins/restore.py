@@ -11,8 +11,9 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.reading import is_there
 from gsfw.core.files.remote import is_remote
 from gsfw.core.hold_out import HoldOutBy
+from gsfw.core.loop.checkpoint_file import fitting_state, read_checkpoint
 from gsfw.core.loop.determinism import differences, environment
-from gsfw.core.loop.run_folder import RunFolder, fitting_state, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.part_state import load_part
 from gsfw.core.progress import stage
 from gsfw.core.words import shell_argument

@@ -9,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.loop.run_folder import RunFolder, checkpoint_environment
+from gsfw.core.loop.checkpoint_file import checkpoint_environment
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import read_header
 from gsfw.reports.run_log import Messages, read_messages
 from gsfw.reports.run_state import State

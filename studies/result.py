@@ -11,7 +11,8 @@ from typing import Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.json_text import parsed_json
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.studies.json_store import JsonStore, Keyed
 from gsfw.studies.origin import origin
 from gsfw.studies.planned_run import PlannedRun, fingerprint

@@ -14,7 +14,8 @@ from torch import Tensor
 from gsfw.core.callback import Callback, Control, StepReport
 from gsfw.core.config import MethodConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.ranges import check_ranges
 from gsfw.datamanagers.synthetic.config import SyntheticConfig

@@ -12,8 +12,9 @@ from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.evaluation import render_model
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.machine_memory import gpu_memory
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed

@@ -21,9 +21,9 @@ from gsfw.core.errors import (
     TrainingError,
     UserError,
 )
+from gsfw.core.loop.checkpoint_file import NotFiniteError
 from gsfw.core.loop.determinism import environment
 from gsfw.core.loop.memory import release_freed_memory
-from gsfw.core.loop.run_folder import NotFiniteError
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.part_state import state_of
 from gsfw.core.progress import stage

@@ -29,8 +29,9 @@ from gsfw.callbacks.board_pages import findings_page, run_page
 from gsfw.callbacks.tensorboard import TensorBoard, _distributions
 from gsfw.commands.main import main
 from gsfw.core.callback import Control, EvaluatedView
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.findings import Finding
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Sh, Splats
 
 EVERYTHING = {"images": 0, "scalars": 0, "tensors": 0, "histograms": 0}

@@ -10,7 +10,7 @@ import torch
 
 from gsfw.core.errors import UserError
 from gsfw.core.files.array_file import read_array
-from gsfw.core.loop.run_folder import checkpoint_environment, read_checkpoint
+from gsfw.core.loop.checkpoint_file import checkpoint_environment, read_checkpoint
 from gsfw.datamanagers.llff import read_rows
 from gsfw.formats.model_file import read_model_file
 from gsfw.plugins.config_file import read_config

@@ -7,7 +7,8 @@ import pytest
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 
 
 @pytest.fixture

@@ -11,7 +11,8 @@ from support.small_study import quick  # noqa: F401 - a fixture
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import plan_runs
 from gsfw.studies.study_file import read_study

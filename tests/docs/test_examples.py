@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.discovery import Discovery, PluginSource
 from gsfw.plugins.registry import Registry

@@ -17,8 +17,9 @@ from gsfw.commands.main import main
 from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.operators import Operators
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.table import SplatTable

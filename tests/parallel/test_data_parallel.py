@@ -14,7 +14,8 @@ from support.states import assert_same_bits
 from support.thread_group import in_threads
 
 from gsfw.core.errors import ConfigError, TrainingError
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.refinement.budget import BudgetSize, with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.refiner import Refiner

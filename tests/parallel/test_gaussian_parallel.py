@@ -17,7 +17,7 @@ from support.states import assert_same_bits
 from support.thread_group import in_threads
 
 from gsfw.core.errors import ConfigError, TrainingError
-from gsfw.core.loop.run_folder import read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.parallel.sharded.division import TILE, Division
 from gsfw.parallel.sharded.team import GaussianParallel

@@ -12,8 +12,9 @@ from support.states import assert_same_bits
 from support.thread_group import in_threads
 
 from gsfw.core.errors import NotEnoughMemoryError
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.memory_watch import MemoryWatch
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.machine_memory import MachineMemory
 from gsfw.core.training_memory import model_row_memory
 from gsfw.parallel.data_parallel import DataParallel

@@ -12,8 +12,9 @@ from support.states import assert_same_bits
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.machine_clock import MachineClock, Work
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.timekeeper import Ending
 from gsfw.core.loop.walk import Walk
 from gsfw.core.stereo.surface import SurfacePoints

@@ -12,7 +12,8 @@ from support.small_scene import SMALL_SCENE
 from gsfw.commands.main import main
 from gsfw.core.errors import DataError
 from gsfw.core.files.folder_lock import only_one
-from gsfw.core.loop.run_folder import RunFolder, checkpoint_environment
+from gsfw.core.loop.checkpoint_file import checkpoint_environment
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.words import size
 from gsfw.reports.drawing import DrawingRule
 from gsfw.reports.error_image import ErrorImage

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 
 SCENE = (
     *("device=cpu", "datamanager.views=8", "datamanager.width=48", "datamanager.height=36"),

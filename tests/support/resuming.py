@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.commands.main import main
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from support.states import assert_same_bits
 
 SCENE = (

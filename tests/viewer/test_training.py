@@ -13,9 +13,10 @@ from support.viewing import BLACK, OneView, still_model
 
 from gsfw.commands.main import main
 from gsfw.core.callback import Control, RunInfo, StepReport
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.model_handle import ModelHandle
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.viewer import training
 from gsfw.viewer.training import TrainingViewer
 from gsfw.viewer.view_state import Pose

@@ -6,7 +6,7 @@ from support.memory_training import Recorder, trainer, with_parts
 from support.states import assert_same_bits
 
 from gsfw.core.errors import ConfigError, DataError, TrainingError
-from gsfw.core.loop.run_folder import MODEL_ALONE, read_checkpoint
+from gsfw.core.loop.checkpoint_file import MODEL_ALONE, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.refiner import Refiner

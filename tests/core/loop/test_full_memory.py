@@ -5,10 +5,10 @@ import torch
 from support.memory_training import Recorder, trainer
 
 from gsfw.core.errors import TrainingError
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.checkpoints import Checkpoints
 from gsfw.core.loop.full_memory import shortage
 from gsfw.core.loop.optimizer import Optimizer
-from gsfw.core.loop.run_folder import read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.update import Update
 from gsfw.core.refinement.refiners import Refiners

@@ -10,7 +10,8 @@ from support.states import assert_same_bits
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, TrainingError
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.render_settings import Depth
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig

@@ -10,7 +10,8 @@ from support.states import assert_same_bits
 from gsfw.core.callback import Callback
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split, Views
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.walk import Walk
 from gsfw.core.sampler import Sampler

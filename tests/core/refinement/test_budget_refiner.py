@@ -12,7 +12,8 @@ from support.resuming import resumes_to_the_same_bits
 from support.states import assert_same_bits
 
 from gsfw.core.config import StrategyConfig
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.refinement.budget import ROUNDS, Budget, BudgetSize, least_useful
 from gsfw.core.refiner import GrowthLimits, RefineContext
 from gsfw.core.render_settings import Statistic

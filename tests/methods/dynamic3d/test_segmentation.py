@@ -20,8 +20,9 @@ from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.datamanagers.panoptic import PanopticConfig

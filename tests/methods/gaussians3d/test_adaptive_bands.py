@@ -15,7 +15,8 @@ from support.scenes import front_camera, random_splats
 
 from gsfw.commands.main import main
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Sh
 from gsfw.formats.ply import PlyImporter
 from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig

@@ -10,7 +10,8 @@ from support.scenes import front_camera
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.ply import PlyImporter
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore

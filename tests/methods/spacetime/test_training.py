@@ -7,7 +7,8 @@ from support.moving_runs import train
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 
 # Whole runs; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked

@@ -10,7 +10,7 @@ from support.native_programs import compiler
 from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
-from gsfw.core.loop.run_folder import read_checkpoint
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.kernels.cuda.operators import CudaOperators
 from gsfw.plugins import compose
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer

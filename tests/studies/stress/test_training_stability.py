@@ -20,8 +20,9 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import TrainingError
+from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.optimizer import Optimizer
-from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import Psnr
