@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, positional
 from gsfw.commands.interface.format_options import read_with_format
+from gsfw.core.files.links import followed
 from gsfw.core.files.size import bytes_of
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
@@ -133,7 +134,7 @@ def _target(options: ConvertOptions, exporter: Exporter, found: RunArgument) -> 
     out, source = Path(options.out), found.splat_file or found.model_file or found.folder.path
     if out.is_dir() and not exporter.is_folder:
         out = out / f"{source.name.partition('.')[0]}{exporter.suffix}"
-    place, origin = out.resolve(), source.resolve()
+    place, origin = followed(out), followed(source)
     is_input = out.exists() and out.samefile(source)
     is_part = found.splat_file is not None and origin in place.parents
     has_input = exporter.is_folder and place in origin.parents

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import shlex
+from collections.abc import Sequence
 
 
 def duration(seconds: int | float) -> str:
@@ -48,6 +50,15 @@ def _parts(seconds: int | float) -> tuple[int, int, int]:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return hours, minutes, rest
+
+
+def suggestion(given: str, known: Sequence[str]) -> str:
+    """Suggest the known name most like ``given``, in a sentence with a leading space.
+
+    Empty if none is near.
+    """
+    near = difflib.get_close_matches(given, known, 1)
+    return f" Did you mean {near[0]!r}?" if near else ""
 
 
 def shell_argument(value: object) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ import numpy as np
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.core.hold_out import HoldOutBy
+from gsfw.core.words import suggestion
 from gsfw.datamanagers.frames import Frame, Recording, Sightings
 from gsfw.datamanagers.view_spread import lonely_views, spread_views
 
@@ -209,8 +209,7 @@ def _find(name: str, frames: Sequence[Frame]) -> int:
             f"{frames[ends[0]].name} and {frames[ends[1]].name} among them.",
             "Give the name with its folder.",
         )
-    near = difflib.get_close_matches(name, [frame.name for frame in frames], 1)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
+    hint = suggestion(name, [frame.name for frame in frames])
     raise DataError(
         f"holdout={name}: no image has this name.{hint}",
         f"The {len(frames)} images are {frames[0].name} to {frames[-1].name}.",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from abc import ABC
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from dataclasses import dataclass, replace
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.ranges import number
+from gsfw.core.words import suggestion
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame
 
@@ -97,8 +97,7 @@ def hold_out_cameras(
 def _find(name: str, names: Sequence[str]) -> int:
     if name in names:
         return names.index(name)
-    near = difflib.get_close_matches(name, names, 1)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
+    hint = suggestion(name, names)
     raise DataError(
         f"datamanager.eval_cameras={name}: there is no camera of this name.{hint}",
         f"The cameras are {', '.join(names)}.",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -10,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.words import suggestion
 from gsfw.plugins.discovery import Discovery, PluginSource
 from gsfw.plugins.other_tools import equivalent
 from gsfw.plugins.plugin_path import FROM, VARIABLE, removal
@@ -84,13 +84,8 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     Words of other tools count as ours: "splatfacto" suggests "3dgs".
     """
     names = list(known)
-    near = equivalent(given, names) or nearest(given, names)
-    return f" Did you mean {near!r}?" if near else ""
-
-
-def nearest(given: str, known: Sequence[str]) -> str:
-    """The known name that a misspelt one resembles; empty if there is none."""
-    return "".join(difflib.get_close_matches(given, known, 1, cutoff=0.6))
+    ours = equivalent(given, names)
+    return f" Did you mean {ours!r}?" if ours else suggestion(given, names)
 
 
 def what_is_missing(path: Path) -> str:

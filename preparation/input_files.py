@@ -6,10 +6,11 @@ import os
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.links import followed
+from gsfw.core.words import suggestion
 from gsfw.datamanagers.camera_sequence import in_order
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.images import EXTENSIONS
@@ -68,11 +69,11 @@ class InputFiles:
         """
         found = InputFiles()
         folders, asked = _sort_inputs(paths)
-        seen = set() if out is None else {_real(out)}
+        seen = set() if out is None else {followed(out)}
         batches = {root: found._files_in(root, seen) for root in folders}
-        known = {_real(file.path) for batch in batches.values() for file in batch}
+        known = {followed(file.path) for batch in batches.values() for file in batch}
         for path in asked:
-            if _real(path) not in known:
+            if followed(path) not in known:
                 file = InputFile(path, writable(path.name), asked=True)
                 batches.setdefault(path.parent, []).append(file)
         prefixes = _prefixes([root for root, batch in batches.items() if _needs_name(batch)])
@@ -84,7 +85,7 @@ class InputFiles:
 
     def _files_in(self, root: Path, seen: set[Path]) -> list[InputFile]:
         start = self._start(root, seen)
-        if _real(start) in seen:
+        if followed(start) in seen:
             return []
         return [
             InputFile(path, writable(path.relative_to(start).as_posix()))
@@ -100,7 +101,7 @@ class InputFiles:
             return root / "images"
         if any(_is_footage(item) for item in items):
             return root
-        folders = [item for item in items if _real(item) not in seen and _holds_footage(item)]
+        folders = [item for item in items if followed(item) not in seen and _holds_footage(item)]
         for name in IMAGE_FOLDERS:
             start = root / name
             if start in folders:
@@ -115,7 +116,7 @@ class InputFiles:
 
     def _below(self, folder: Path, seen: set[Path]) -> Iterator[Path]:
         """Files in a folder and all folders in it; each folder once, whatever links there are."""
-        seen.add(_real(folder))
+        seen.add(followed(folder))
         for item in _listed(folder):
             if _is_noise(item.name):
                 continue
@@ -123,7 +124,7 @@ class InputFiles:
                 # A link to nowhere is told of later; pipes and devices would block whoever reads.
                 if item.is_file() or not item.exists():
                     yield item
-            elif _real(item) in seen:
+            elif followed(item) in seen:
                 continue
             elif _is_result(item):
                 self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
@@ -151,15 +152,14 @@ def _sort_inputs(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     for path in paths:
         if not path.exists():
             raise DataError(f"{path}: there is no such file or folder.", _nearest(path))
-        (folders if path.is_dir() else files).setdefault(_real(path), path)
+        (folders if path.is_dir() else files).setdefault(followed(path), path)
     return list(folders.values()), list(files.values())
 
 
 def _nearest(path: Path) -> str:
     parent = path.parent
     names = [item.name for item in parent.iterdir()] if parent.is_dir() else []
-    near = get_close_matches(path.name, names, 1)
-    return f"Did you mean {near[0]!r}?" if near else "Give a folder of photos, or a video."
+    return suggestion(path.name, names).strip() or "Give a folder of photos, or a video."
 
 
 def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
@@ -182,11 +182,6 @@ def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
 def _needs_name(files: Sequence[InputFile]) -> bool:
     """True if images may be among them: the frames of a video get a folder of their own."""
     return not all(file.asked and is_video(file.path) for file in files)
-
-
-def _real(path: Path) -> Path:
-    """The place that links lead to; their own, where they lead in circles."""
-    return Path(os.path.realpath(path))
 
 
 def _listed(folder: Path) -> list[Path]:

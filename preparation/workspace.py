@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +11,7 @@ from pathlib import Path
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors, without_new_folders
 from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
+from gsfw.core.files.links import followed
 
 OTHERS = "another gsfw prepare"
 
@@ -130,9 +130,10 @@ class Workspace:
         Raises:
             OutputError: one does.
         """
-        out = Path(os.path.realpath(self.path))  # A link to itself is refused where it is made.
+        out = followed(self.path)
         for given in inputs:
-            if out == given.resolve() or out in given.resolve().parents:
+            source = followed(given)
+            if out == source or out in source.parents:
                 raise OutputError(
                     f"out={self.path} holds {given}, which the result is made from.",
                     "Give a folder of its own: what is there already stays as it is.",

@@ -12,7 +12,7 @@ from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.size import bytes_of
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.words import shell_argument
-from gsfw.plugins.registry import Registry, did_you_mean, installed
+from gsfw.plugins.registry import Registry, did_you_mean, installed, what_is_missing
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -181,6 +181,8 @@ def _latest(say: Callable[[str], None]) -> Path:
 
 
 def _nearest(path: Path) -> str:
+    if path.is_symlink():
+        return f" {what_is_missing(path)}"
     siblings = [item.name for item in path.parent.iterdir()] if path.parent.is_dir() else []
     return did_you_mean(path.name, siblings)
 

@@ -225,6 +225,16 @@ def test_a_folder_as_out_takes_the_name_of_the_input(source, tmp_path, capsys):
     assert found["written"] == "there/in.ply"
 
 
+@pytest.mark.parametrize("out", ["circle.ply", "circle.ply/a.ply"])
+def test_a_link_to_itself_as_out_is_no_bug(source, tmp_path, capsys, out):
+    (tmp_path / "circle.ply").symlink_to("circle.ply")
+    if out == "circle.ply":
+        assert converted(capsys, source, out, "check=false")["written"] == out
+        assert not (tmp_path / out).is_symlink()
+    else:
+        assert "circle.ply/a.ply cannot be written" in refusal(capsys, source, out)
+
+
 def test_an_input_is_never_overwritten(source, tmp_path, capsys):
     before = source.read_bytes()
     os.link(source, tmp_path / "other.ply")
