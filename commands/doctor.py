@@ -28,8 +28,13 @@ if TYPE_CHECKING:
 SAFE_CHECKPOINTS = Version("2.10")
 """First torch whose ``weights_only=True`` no known file gets around (GHSA-63cw-57p8-fm3p)."""
 LIBRARIES = {
-    **{name: name for name in ("matplotlib", "numpy", "pycolmap", "scipy", "tensorboard")},
-    **{"PIL": "Pillow", "yaml": "PyYAML"},
+    "matplotlib": "matplotlib",
+    "numpy": "numpy",
+    "pycolmap": "pycolmap",
+    "scipy": "scipy",
+    "tensorboard": "tensorboard",
+    "PIL": "Pillow",
+    "yaml": "PyYAML",
 }
 """Libraries that training imports, and the packages that have them."""
 WRITE_ACCESS = "write access"
