@@ -20,6 +20,11 @@ from gsfw.core.view_dependence import differs_by_view
 
 CHUNK = 1 << 16
 """Rows whose values are checked at once."""
+VIEW_NOTE = (
+    "the splats of this model depend on the view: a file of splats has those without a view, "
+    "and may look different from renders of the model. A model file has all: format=gsfw"
+)
+"""Warning for a model whose splats of a view differ from those of its snapshot."""
 
 
 @torch.no_grad()
@@ -68,12 +73,7 @@ def view_notes(
 
     The arguments are those of ``differs_by_view``.
     """
-    if not differs_by_view(model, camera, time):
-        return []
-    return [
-        "the splats of this model depend on the view: a file of splats has those without a view, "
-        "and may look different from renders of the model. A model file has all: format=gsfw"
-    ]
+    return [VIEW_NOTE] if differs_by_view(model, camera, time) else []
 
 
 def with_sh(splats: Splats) -> Splats:
