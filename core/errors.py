@@ -84,6 +84,10 @@ class TrainingError(UserError):
     exit_code = 1
 
 
+class LostProcessError(TrainingError):
+    """Another process of the training has ended, or cannot be reached."""
+
+
 def without_inner_frames(function: Callable[Given, Answer]) -> Callable[Given, Answer]:
     """Decorate a function for Python programs: a ``UserError`` shows no frames of gsfw.
 

@@ -9,15 +9,11 @@ import os
 import time
 from typing import NoReturn
 
-from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.errors import ConfigError
 
 LINGER = 10.0
 """Seconds in which the first process can write its message: a launcher ends all processes as soon
 as one of them has failed."""
-
-
-class LostProcessError(TrainingError):
-    """Another process of the training has ended, or cannot be reached."""
 
 
 def world() -> int | None:

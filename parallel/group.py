@@ -11,7 +11,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from gsfw.parallel.environment import LostProcessError
+from gsfw.core.errors import LostProcessError
 
 Value = TypeVar("Value")
 Pieces = Sequence[Tensor]

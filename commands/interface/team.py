@@ -12,15 +12,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from gsfw.commands.interface.arguments import Arguments
 from gsfw.commands.interface.console import Console, ProgramConsole
-from gsfw.core.errors import ConfigError, UserError
-from gsfw.parallel.environment import (
-    LostProcessError,
-    check_processes,
-    is_follower,
-    leave,
-    rank,
-    world,
-)
+from gsfw.core.errors import ConfigError, LostProcessError, UserError
+from gsfw.parallel.environment import check_processes, is_follower, leave, rank, world
 
 if TYPE_CHECKING:
     from gsfw.core.team import Team

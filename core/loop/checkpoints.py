@@ -16,6 +16,7 @@ import torch
 
 from gsfw.core.errors import (
     ConfigError,
+    LostProcessError,
     NotEnoughMemoryError,
     OutputError,
     TrainingError,
@@ -85,24 +86,25 @@ class Checkpoints:
     def keep(self, trainer: Trainer, together: bool = False) -> None:
         """Write a checkpoint in place of further steps, if none has changed a part of the state.
 
-        Views that an unfinished step has drawn count as seen.
+        Views that an unfinished step has drawn count as seen. Of processes that share the rendering
+        none has the whole state.
 
         Args:
             trainer: of the run.
             together: true if all processes of the team do so between the same two steps.
         """
-        is_whole = (together or trainer.parts.team.size == 1) and not trainer.updates.is_underway
-        if is_whole and not self.are_current(trainer):
+        team = trainer.parts.team
+        is_whole = together or team.size == 1 or not team.shares_rendering
+        if is_whole and not trainer.updates.is_underway and not self.are_current(trainer):
             self.write(trainer)
 
     def keep_after(self, error: Exception, trainer: Trainer) -> None:
         """Write a checkpoint when an error ends the training, such as a bug of a plugin; say so.
 
-        An error of the state, of memory or of the disk would only come again. Of several processes,
-        the others may be in the middle of a step, so that none of them writes.
+        An error of the state, of memory or of the disk would only come again.
         """
         again = isinstance(error, (TrainingError, NotEnoughMemoryError, OutputError))
-        if again or trainer.walk.updates == 0:
+        if (again and not isinstance(error, LostProcessError)) or trainer.walk.updates == 0:
             return
         with suppress(Exception):  # The first error is the one to report.
             before = trainer.folder.latest_checkpoint()

@@ -13,13 +13,14 @@ from support.memory_training import Recorder, trainer, with_parts
 from support.states import assert_same_bits
 from support.thread_group import in_threads
 
-from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.errors import ConfigError, LostProcessError, TrainingError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.refinement.budget import BudgetSize, with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.refiner import Refiner
 from gsfw.parallel.data_parallel import DataParallel, _in_parts
+from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
 
 # Whole trainings; the tests of their parts check shapes.
@@ -86,6 +87,36 @@ def test_the_first_step_is_that_of_a_batch_up_to_rounding(tmp_path):
         torch.testing.assert_close(
             split["optimizer"]["moments"][name][0]["first"], values[0]["first"], msg=name
         )
+
+
+class Failing(UniformSampler):
+    """A sampler that fails after 12 steps, as a plugin of one process may."""
+
+    def next(self):
+        if self.calls == 12:
+            raise IndexError("a bug")
+        self.calls += 1
+        return super().next()
+
+    calls = 0
+
+
+@pytest.mark.parametrize("fails", [0, 1])
+def test_an_error_of_any_process_loses_no_finished_step(tmp_path, fails):
+    def run(group):
+        own = trainer(tmp_path, "none", Recorder(), checkpoint_every=8)
+        own = with_parts(own, team=DataParallel(group))
+        if group.rank == fails:
+            own = with_parts(own, sampler=Failing(6, 1, 3))
+        with pytest.raises(IndexError if group.rank == fails else LostProcessError):
+            own.fit()
+        group._table.barrier.abort()  # As its process ends, the others lose it.
+        return own.step, dict(own.parts.model.state_dict())
+
+    (step, model), _ = in_threads(2, run)
+    kept = read_checkpoint(RunFolder(tmp_path).latest_checkpoint())
+    assert kept["step"] == step > 8
+    assert_same_bits(kept["model"], model)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7])

@@ -3,15 +3,13 @@
 Threads stand for processes here; tests/commands/test_train_memory.py has real ones.
 """
 
-from threading import BrokenBarrierError
-
 import pytest
 import torch
 from support.memory_training import CPU, Recorder, trainer, with_parts
 from support.states import assert_same_bits
 from support.thread_group import in_threads
 
-from gsfw.core.errors import NotEnoughMemoryError
+from gsfw.core.errors import LostProcessError, NotEnoughMemoryError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.memory_watch import MemoryWatch
 from gsfw.core.loop.run_folder import RunFolder
@@ -85,7 +83,7 @@ def test_a_process_without_memory_ends_the_run_with_one_checkpoint(tmp_path, div
                 own.fit()
             table.barrier.abort()  # As its process ends, the others lose it.
             return str(raised.value)
-        with pytest.raises(BrokenBarrierError):
+        with pytest.raises(LostProcessError):
             own.fit()
         return None
 

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import torch
 
+from gsfw.core.errors import LostProcessError
 from gsfw.parallel.group import Group, Pieces
 
 Result = TypeVar("Result")
@@ -30,10 +31,17 @@ class Table:
 
     def shared(self, rank: int, value: Any) -> list[Any]:
         self.values[rank] = value
-        self.barrier.wait()
+        self.wait()
         found = list(self.values)
-        self.barrier.wait()
+        self.wait()
         return found
+
+    def wait(self) -> None:
+        """Wait for the other threads, unless one of them has given up."""
+        try:
+            self.barrier.wait()
+        except threading.BrokenBarrierError as error:
+            raise LostProcessError("another thread has ended.") from error
 
 
 class ThreadGroup(Group):
@@ -47,12 +55,12 @@ class ThreadGroup(Group):
     def _exchange(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
         for rank, pieces in enumerate(self._table.shared(self.rank, sent)):
             self._receive(rank, pieces[self.rank], rooms)
-        self._table.barrier.wait()  # What is sent may change now.
+        self._table.wait()  # What is sent may change now.
 
     def _share(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
         for rank, pieces in enumerate(self._table.shared(self.rank, sent)):
             self._receive(rank, pieces, rooms)
-        self._table.barrier.wait()
+        self._table.wait()
 
     def _receive(self, rank: int, pieces: Pieces, rooms: Sequence[Pieces]) -> None:
         if rank == self.rank or not pieces:

@@ -3,8 +3,8 @@
 import pytest
 
 from gsfw.commands.interface.team import _own_errors_told
-from gsfw.core.errors import ConfigError, DataError, OutputError
-from gsfw.parallel.environment import LINGER, LostProcessError, patience
+from gsfw.core.errors import ConfigError, DataError, LostProcessError, OutputError
+from gsfw.parallel.environment import LINGER, patience
 
 
 @pytest.fixture
