@@ -1,6 +1,7 @@
 """The folder list is the architecture: who may import whom, how long things may be."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -112,6 +113,16 @@ def test_files_import_only_what_their_folders_may():
         if not may_import(path.relative_to(ROOT).parts[0], name)
     ]
     assert not offenders, f"see MAY_IMPORT for what each folder may import: {offenders}"
+
+
+def test_the_architecture_page_lists_the_folders_and_their_rules():
+    page = (ROOT / "docs" / "explain" / "architecture.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)/` \|.*\| ([^|]*) \|$", page, re.MULTILINE))
+    assert rows.keys() == MAY_IMPORT.keys()
+    for folder, rule in rows.items():
+        if rule != "everything":
+            allowed = {name.split(".")[1] for name in MAY_IMPORT[folder] - {SPECS}} - {folder}
+            assert set(re.findall(r"\w+", rule)) & MAY_IMPORT.keys() == allowed, folder
 
 
 def may_import(folder: str, name: str) -> bool:
