@@ -27,8 +27,8 @@ MAY_IMPORT = {
     "callbacks": {"gsfw.core", "gsfw.callbacks", "gsfw.charts", SPECS},
     "charts": {"gsfw.core", "gsfw.charts"},
     "partition": {
-        *("gsfw.charts", "gsfw.core", "gsfw.datamanagers", "gsfw.formats", "gsfw.partition"),
-        *("gsfw.jobs", "gsfw.planning", "gsfw.plugins"),
+        *("gsfw.core", "gsfw.datamanagers", "gsfw.formats", "gsfw.jobs", "gsfw.partition"),
+        *("gsfw.planning", "gsfw.plugins"),
     },
     "editing": {"gsfw.core", "gsfw.editing"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
@@ -39,11 +39,8 @@ MAY_IMPORT = {
         *("gsfw.core", "gsfw.datamanagers", "gsfw.jobs", "gsfw.preparation"),
         "gsfw.kernels.cpu.native_module",  # What is said where COLMAP aborts the process.
     },
-    "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
-    "reports": {
-        *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering"),
-        "gsfw.reports",
-    },
+    "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rendering"},
+    "reports": {"gsfw.charts", "gsfw.core", "gsfw.plugins", "gsfw.rendering", "gsfw.reports"},
     "viewer": {"gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"},
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.jobs", "gsfw.kernels"),
