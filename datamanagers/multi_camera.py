@@ -6,13 +6,21 @@ import math
 from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.ranges import number
 from gsfw.core.words import suggestion
+from gsfw.datamanagers.camera_sequence import (
+    StandingCamera,
+    common_length,
+    common_rate,
+    frames_of,
+)
 from gsfw.datamanagers.capture_config import CaptureConfig
-from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.point_file import Points
 
 NONE = "none"
 """For ``eval_cameras``: hold out no camera."""
@@ -61,6 +69,46 @@ class MultiCameraConfig(CaptureConfig, ABC):
             step = "" if self.stride == 1 else f", every {self.stride}. of them"
             used = f"{len(chosen)} of {count} times ({chosen[0]} to {chosen[-1]}{step})"
         return f"{used}, {rate:.5g} per second ({source})"
+
+    def of_cameras(
+        self,
+        cameras: Sequence[StandingCamera],
+        folder: Path,
+        notes: Sequence[str],
+        held_out: int,
+        points: tuple[Points, str],
+    ) -> Recording:
+        """The recording of cameras that stand still.
+
+        Args:
+            cameras: with their videos or folders of images.
+            folder: place of the data set, after which it is named.
+            notes: on the cameras.
+            held_out: number of the first cameras that are held out unless the user names others.
+            points: to start from, and the note on them.
+
+        Raises:
+            DataError: no time is left, or no camera to train on.
+        """
+        sequences = [camera.sequence for camera in cameras]
+        names = [item.camera for item in sequences]
+        rate, source = common_rate(sequences, self.fps)
+        count, length_note = common_length(sequences)
+        chosen = self.chosen_times(count, str(folder))
+        frames, lens_notes = frames_of(cameras, chosen, rate)
+        frames, origin = hold_out_cameras(frames, names, self.eval_cameras, names[:held_out])
+        (positions, colors), point_note = points
+        times_note = self.times_note(chosen, count, rate, source)
+        return Recording(
+            name=folder.resolve().name,
+            path=folder,
+            frames=tuple(frames),
+            points=positions,
+            point_colors=colors,
+            notes=(*notes, times_note, *length_note, *lens_notes, point_note),
+            split_origin=origin,
+            whole_cameras=self.whole_cameras,
+        )
 
 
 def hold_out_cameras(

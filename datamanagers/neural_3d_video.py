@@ -11,17 +11,10 @@ from pathlib import Path
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.camera_sequence import (
-    CameraSequence,
-    StandingCamera,
-    common_length,
-    common_rate,
-    find_sequences,
-    frames_of,
-)
+from gsfw.datamanagers.camera_sequence import CameraSequence, StandingCamera, find_sequences
 from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.llff import FILE, read_rows, row_camera
-from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
+from gsfw.datamanagers.multi_camera import MultiCameraConfig
 from gsfw.datamanagers.point_file import Points, read_points
 
 LOOKED_FOR = f"{FILE} with cam*.mp4, or with folders cam*"
@@ -68,30 +61,8 @@ class Neural3DVideoConfig(MultiCameraConfig):
             )
             for number, (row, (name, path)) in enumerate(zip(table, found.items(), strict=True))
         ]
-        sequences = [camera.sequence for camera in cameras]
-        rate, source = common_rate(sequences, self.fps)
-        count, length_note = common_length(sequences)
-        chosen = self.chosen_times(count, str(folder))
-        frames, lens_notes = frames_of(cameras, chosen, rate)
-        names = list(found)
-        held, origin = hold_out_cameras(frames, names, self.eval_cameras, names[:1])
-        (points, colors), point_note = _points(folder)
-        return Recording(
-            name=folder.resolve().name,
-            path=folder,
-            frames=tuple(held),
-            points=points,
-            point_colors=colors,
-            notes=(
-                f"{folder / FILE}: {len(cameras)} cameras",
-                self.times_note(chosen, count, rate, source),
-                *length_note,
-                *lens_notes,
-                point_note,
-            ),
-            split_origin=origin,
-            whole_cameras=self.whole_cameras,
-        )
+        notes = [f"{folder / FILE}: {len(cameras)} cameras"]
+        return self.of_cameras(cameras, folder, notes, 1, _points(folder))
 
 
 def _folder(path: Path) -> Path:

@@ -8,16 +8,9 @@ from pathlib import Path
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import CalibratedCamera, read_calibration
-from gsfw.datamanagers.camera_sequence import (
-    CameraSequence,
-    StandingCamera,
-    common_length,
-    common_rate,
-    find_sequences,
-    frames_of,
-)
+from gsfw.datamanagers.camera_sequence import CameraSequence, StandingCamera, find_sequences
 from gsfw.datamanagers.frames import Recording, no_points
-from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
+from gsfw.datamanagers.multi_camera import MultiCameraConfig
 from gsfw.datamanagers.point_file import Points, read_points
 from gsfw.datamanagers.video import is_video
 
@@ -53,32 +46,9 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         """Read the calibration and the headers of the videos."""
         file = self._calibration_file(path)
         cameras, left_out = self._cameras(read_calibration(file), path, file)
-        sequences = [camera.sequence for camera in cameras]
-        names = [item.camera for item in sequences]
-        rate, source = common_rate(sequences, self.fps)
-        count, length_note = common_length(sequences)
-        chosen = self.chosen_times(count, str(path))
-        frames, lens_notes = frames_of(cameras, chosen, rate)
-        usual = names[:1] if len(names) >= ENOUGH_TO_HOLD_OUT else ()
-        frames, origin = hold_out_cameras(frames, names, self.eval_cameras, usual)
-        (points, colors), point_note = self._points(path)
-        return Recording(
-            name=path.resolve().name,
-            path=path,
-            frames=tuple(frames),
-            points=points,
-            point_colors=colors,
-            notes=(
-                f"{file}: {len(cameras)} cameras",
-                *left_out,
-                self.times_note(chosen, count, rate, source),
-                *length_note,
-                *lens_notes,
-                point_note,
-            ),
-            split_origin=origin,
-            whole_cameras=self.whole_cameras,
-        )
+        notes = [f"{file}: {len(cameras)} cameras", *left_out]
+        held_out = 1 if len(cameras) >= ENOUGH_TO_HOLD_OUT else 0
+        return self.of_cameras(cameras, path, notes, held_out, self._points(path))
 
     def _calibration_file(self, folder: Path) -> Path:
         if self.calibration:
