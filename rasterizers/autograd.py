@@ -63,7 +63,7 @@ def render(
         image, alpha = _Render.apply(backend, call, log, offsets, *inputs)
     else:  # The host needs as long for a node of autograd as for a stage.
         image, alpha, _ = _images(backend, call, log, offsets, *inputs)
-    return split_channels(image, alpha[..., None], splats, settings, statistics)
+    return composed(image, alpha[..., None], splats, settings, statistics)
 
 
 def pair_limit(
@@ -204,26 +204,32 @@ def pose_gradient(
     return gradient
 
 
-def split_channels(
+def composed(
     image: Tensor,
     alpha: Tensor,
     splats: Splats,
     settings: RenderSettings,
     statistics: RenderStatistics,
 ) -> RenderOutput:
-    """Split the rendered channels, and put a background that is learned behind the colours."""
-    extras = 0 if splats.extra is None else splats.extra.shape[1]
-    color, extra, depth = image, None, None
-    if image.shape[-1] > splats.channels:
-        color, extra, depth = image.tensor_split([splats.channels, splats.channels + extras], dim=3)
+    """The outputs of rendered channels, with a background that is learned behind the colours."""
+    color, depth, extra = split_channels(image, splats, settings)
     if settings.background is not None and settings.background.requires_grad:
         color = color + (1.0 - alpha) * settings.background
     if depth is not None and settings.depth is Depth.EXPECTED:
         depth = depth[..., :1] / depth[..., 1:].clamp(min=settings.profile.depth_epsilon)
-    return RenderOutput(
-        color=color,
-        alpha=alpha,
-        statistics=statistics,
-        depth=None if settings.depth is Depth.NONE else depth,
-        extra=None if splats.extra is None else extra,
+    return RenderOutput(color, alpha, statistics, depth, extra)
+
+
+def split_channels(
+    image: Float[Tensor, "c h w d"], splats: Splats, settings: RenderSettings
+) -> tuple[Tensor, Tensor | None, Tensor | None]:
+    """Colour, depth and extra channels of an image; ``None`` for those that are not rendered."""
+    extras = 0 if splats.extra is None else splats.extra.shape[1]
+    if image.shape[-1] == splats.channels:
+        return image, None, None
+    color, extra, depth = image.tensor_split([splats.channels, splats.channels + extras], dim=3)
+    return (
+        color,
+        None if settings.depth is Depth.NONE else depth,
+        None if splats.extra is None else extra,
     )

@@ -29,7 +29,7 @@ from gsfw.kernels.render_arguments import (
     SplatArrays,
     SplatGradients,
 )
-from gsfw.rasterizers.autograd import check_cameras, flat_inputs, pose_gradient, split_channels
+from gsfw.rasterizers.autograd import check_cameras, composed, flat_inputs, pose_gradient
 from gsfw.rasterizers.kernel_arguments import PairLimit, RenderCall, render_call, row_of
 
 TILE = 16
@@ -114,7 +114,7 @@ class CpuBands(Bands):
     ) -> RenderOutput:
         """The images of a render, from all bands together."""
         nowhere = RenderStatistics.zeros(self._like.means, len(image), frozenset())
-        return split_channels(image, alpha, self._like, self._settings, nowhere)
+        return composed(image, alpha, self._like, self._settings, nowhere)
 
 
 class CpuBandedSplats(BandedSplats):

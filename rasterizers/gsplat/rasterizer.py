@@ -19,7 +19,7 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
-from gsfw.rasterizers.autograd import check_cameras
+from gsfw.rasterizers.autograd import check_cameras, split_channels
 from gsfw.rasterizers.gsplat import package
 from gsfw.rasterizers.gsplat.arguments import arguments_of, rendered_channels
 
@@ -71,7 +71,9 @@ class GsplatRasterizer(Rasterizer):
         if len(splats) == 0:
             # gsplat divides by their number (ProjectionEWA3DGSFused.cu, line 239 in 1.5.3), which
             # ends the process.
-            return _output(*_nothing(splats, cameras, settings), splats, settings, statistics)
+            image, alpha = _nothing(splats, cameras, settings)
+            color, depth, extra = split_channels(image, splats, settings)
+            return RenderOutput(color, alpha, statistics, depth, extra)
         image, alpha, meta = self._gsplat.rasterization(**arguments_of(splats, cameras, settings))
         radii = meta["radii"].detach()
         statistics.radii.copy_(radii.amax(2))
@@ -79,7 +81,8 @@ class GsplatRasterizer(Rasterizer):
         _record_gradients(meta["means2d"], statistics, cameras)
         if statistics.contribution is not None:
             statistics.contribution.copy_(self._contribution(splats, cameras, settings))
-        return _output(image, alpha, splats, settings, statistics)
+        color, depth, extra = split_channels(image, splats, settings)
+        return RenderOutput(color, alpha, statistics, depth, extra)
 
     def _contribution(
         self, splats: Splats, cameras: Cameras, settings: RenderSettings
@@ -178,24 +181,3 @@ def _record_gradients(
             absgrad.copy_(in_ndc(absolute))
 
     hook = centres.register_hook(record)
-
-
-def _output(
-    image: Float[Tensor, "c h w d"],
-    alpha: Float[Tensor, "c h w 1"],
-    splats: Splats,
-    settings: RenderSettings,
-    statistics: RenderStatistics,
-) -> RenderOutput:
-    """Take the rendered channels apart."""
-    extras = 0 if splats.extra is None else splats.extra.shape[1]
-    color, extra, depth = image, None, None
-    if image.shape[-1] > splats.channels:
-        color, extra, depth = image.tensor_split([splats.channels, splats.channels + extras], dim=3)
-    return RenderOutput(
-        color=color,
-        alpha=alpha,
-        statistics=statistics,
-        depth=None if settings.depth is Depth.NONE else depth,
-        extra=None if splats.extra is None else extra,
-    )
