@@ -1,6 +1,5 @@
 """Training with static=auto: resuming, what the summary says, and coming back."""
 
-import shutil
 from dataclasses import replace
 
 import pytest
@@ -11,15 +10,13 @@ from support.mixed_rows import check_rows
 from support.moving_runs import train
 from support.moving_scene import WHITE, camera_at, two_balls
 from support.moving_splats import moving_scene
-from support.states import assert_same_bits
+from support.resuming import resumed_to_the_same_bits
 
 from gsfw.commands.main import main
 from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.operators import Operators
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.table import SplatTable
@@ -48,16 +45,7 @@ def test_a_run_with_rows_of_both_kinds_resumes_to_the_same_bits(tmp_path, method
     assert figures["moving_rows"] > 0
     assert figures["static_rows"] + figures["moving_rows"] == figures["num_gaussians"]
     assert figures["optimizer_bytes"] == 2 * figures["model_bytes"]
-    parts = RunFolder(shutil.copytree(tmp_path / "whole", tmp_path / "parts"))
-    parts.checkpoint(30).unlink()
-    parts.summary.unlink()
-    assert main(["resume", str(parts.path)]) == 0
-    states = [
-        read_checkpoint(RunFolder(tmp_path / name).checkpoint(30)) for name in ("whole", "parts")
-    ]
-    for state in states:
-        del state["train_seconds"]
-    assert_same_bits(*states)
+    parts = resumed_to_the_same_bits(tmp_path / "whole")
     for time in (0, 1):
         assert main(["export", str(parts.path), f"time={time}", f"out={tmp_path / 'a.ply'}"]) == 0
 

@@ -1,6 +1,7 @@
-"""Whole runs on a small scene that moves, once in one go and once interrupted."""
+"""Finished runs, and the same resumed from an earlier checkpoint."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,23 @@ STEPS, HALF = 20, 10
 def resumes_to_the_same_bits(folder: Path, *typed: str) -> dict[str, Any]:
     """Check it of a run of 20 steps that goes on from a checkpoint at 10; the run's summary."""
     length = (f"steps={STEPS}", f"checkpoint_every={HALF}", "eval_every=0")
-    for name in ("whole", "parts"):
-        assert main(["train", *SCENE, *length, f"out={folder / name}", *typed]) == 0
-    whole, parts = RunFolder(folder / "whole"), RunFolder(folder / "parts")
-    parts.checkpoint(STEPS).unlink()
+    run = folder / "whole"
+    assert main(["train", *SCENE, *length, f"out={run}", *typed]) == 0
+    resumed_to_the_same_bits(run)
+    summary: dict[str, Any] = json.loads(RunFolder(run).summary.read_text())
+    return summary
+
+
+def resumed_to_the_same_bits(run: Path) -> RunFolder:
+    """A copy of a finished run that was resumed from its last checkpoint but one; compares both."""
+    whole, parts = RunFolder(run), RunFolder(shutil.copytree(run, run.with_name("parts")))
+    *_, before, last = whole.all_checkpoints()
+    (parts.checkpoints / last.name).unlink()
     parts.summary.unlink()
+    assert parts.latest_checkpoint().name == before.name
     assert main(["resume", str(parts.path)]) == 0
-    states = [read_checkpoint(run.checkpoint(STEPS)) for run in (whole, parts)]
+    states = [read_checkpoint(one.latest_checkpoint()) for one in (whole, parts)]
     for state in states:
         del state["train_seconds"]
     assert_same_bits(*states)
-    summary: dict[str, Any] = json.loads(whole.summary.read_text())
-    return summary
+    return parts

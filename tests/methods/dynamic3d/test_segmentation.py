@@ -10,8 +10,8 @@ from PIL import Image
 from support.gaussians import no_contributions, no_views
 from support.masked_scene import HELD_OUT, write_masked_scene
 from support.moving_splats import moving_scene
+from support.resuming import resumed_to_the_same_bits
 from support.scenes import front_camera
-from support.states import assert_same_bits
 from support.tracked_splats import move_, tracked
 
 from gsfw.commands.main import main
@@ -239,16 +239,9 @@ def test_rows_learn_the_mask_and_the_background_stays(scene, tmp_path):
 
 @pytest.mark.slow
 def test_a_run_with_masks_resumes_and_is_exported_as_it_is(scene, tmp_path):
-    run, parts = tmp_path / "run", tmp_path / "parts"
+    run = tmp_path / "run"
     train(scene, run, "checkpoint_every=64")
-    train(scene, parts, "checkpoint_every=64")
-    RunFolder(parts).checkpoint(80).unlink()
-    RunFolder(parts).summary.unlink()
-    assert main(["resume", str(parts)]) == 0
-    states = [state_of(folder) for folder in (run, parts)]
-    for state in states:
-        del state["train_seconds"]
-    assert_same_bits(*states)
+    resumed_to_the_same_bits(run)
     file = tmp_path / "model.gsfw"
     assert main(["export", str(run), "format=gsfw", f"out={file}"]) == 0
     assert main(["export", str(run), "format=ply", f"out={tmp_path / 'run.ply'}"]) == 0

@@ -1,16 +1,14 @@
 """Whole runs of method 4d-rotor on the built-in scene that moves."""
 
-import shutil
 from dataclasses import replace
 
 import pytest
 import torch
 from support.moving_runs import train
+from support.resuming import resumed_to_the_same_bits
 from support.scenes import front_camera
-from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.ply import PlyImporter
 from gsfw.plugins.registry import installed
@@ -34,16 +32,7 @@ def test_a_run_resumes_to_the_same_bits(tmp_path, settings):
     arguments = (*SHORT, *settings, "seed=3")
     figures = train(tmp_path / "whole", "method=4d-rotor", *arguments)
     assert figures["num_gaussians"] != 150, "rows must have been added or removed"
-    parts = RunFolder(shutil.copytree(tmp_path / "whole", tmp_path / "parts"))
-    parts.checkpoint(30).unlink()
-    parts.summary.unlink()
-    assert main(["resume", str(parts.path)]) == 0
-    states = [
-        read_checkpoint(RunFolder(tmp_path / name).checkpoint(30)) for name in ("whole", "parts")
-    ]
-    for state in states:
-        del state["train_seconds"]
-    assert_same_bits(*states)
+    resumed_to_the_same_bits(tmp_path / "whole")
 
 
 @pytest.mark.slow

@@ -4,10 +4,9 @@ import json
 
 import pytest
 from support.moving_runs import train
-from support.states import assert_same_bits
+from support.resuming import resumed_to_the_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.run_folder import RunFolder
 
 # Whole runs; the tests of their parts check shapes.
@@ -38,17 +37,7 @@ def test_a_run_resumes_to_the_same_bits(tmp_path, name):
     arguments = ("method=spacetime", *RUNS[name], *SHORT, "seed=3")
     figures = train(tmp_path / "whole", *arguments)
     assert figures["num_gaussians"] != 150, "rows must have been added or removed"
-    train(tmp_path / "parts", *arguments)
-    parts = RunFolder(tmp_path / "parts")
-    parts.checkpoint(30).unlink()
-    parts.summary.unlink()
-    assert main(["resume", str(parts.path)]) == 0
-    states = [
-        read_checkpoint(RunFolder(tmp_path / name).checkpoint(30)) for name in ("whole", "parts")
-    ]
-    for state in states:
-        del state["train_seconds"]
-    assert_same_bits(*states)
+    resumed_to_the_same_bits(tmp_path / "whole")
     if "motion=adaptive" in arguments:
         assert 0 < figures["time_floats"] < figures["time_floats_full"]
         assert figures["rows_of_order_3"] < figures["num_gaussians"]
