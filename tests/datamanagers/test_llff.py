@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from support.refusals import failure_of
 from support.small_captures import (
     FOCAL,
     HEIGHT,
@@ -51,10 +52,7 @@ def build(path, config=None, **settings):
     return LlffConfig(**config or {}).build(request(path, **settings))
 
 
-def failure(path, config=None) -> str:
-    with pytest.raises(DataError) as error:
-        build(path, config)
-    return str(error.value)
+failure = failure_of(build)
 
 
 def test_points_fall_where_they_should(tmp_path):

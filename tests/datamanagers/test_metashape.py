@@ -7,6 +7,7 @@ import pytest
 import torch
 from plyfile import PlyData, PlyElement
 from support.foreign_cameras import brown, equidistant, pixel_error, undistorted_error
+from support.refusals import failure_of
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -85,10 +86,7 @@ def build(path, config=None, **settings):
     return MetashapeConfig(**config or {}).build(request(path, **settings))
 
 
-def failure(path) -> str:
-    with pytest.raises(DataError) as error:
-        build(path)
-    return str(error.value)
+failure = failure_of(build)
 
 
 def test_points_fall_where_they_should(tmp_path):

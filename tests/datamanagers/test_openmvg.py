@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from support.foreign_cameras import brown, equidistant, pixel_error, undistorted_error
+from support.refusals import failure_of
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -14,28 +15,17 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
+    square,
     write_images,
 )
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import DataError
 from gsfw.datamanagers.openmvg import OpenMvgConfig
 
 BASE = {
     "width": WIDTH, "height": HEIGHT, "focal_length": FOCAL[0],
     "principal_point": [CENTER[0] - 0.5, CENTER[1] - 0.5],
 }  # fmt: skip
-
-
-def square(capture):
-    """OpenMVG knows one focal length."""
-
-    def pixels(view, scale=1.0):
-        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
-        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array(CENTER))
-
-    object.__setattr__(capture, "pixels", pixels)
-    return capture
 
 
 def wrapped(key, data, identifier=1073741824, **settings):
@@ -82,10 +72,7 @@ def build(path, config=None, **settings):
     return OpenMvgConfig(**config or {}).build(request(path, **settings))
 
 
-def failure(path) -> str:
-    with pytest.raises(DataError) as error:
-        build(path)
-    return str(error.value)
+failure = failure_of(build)
 
 
 def test_points_fall_where_they_should(tmp_path):

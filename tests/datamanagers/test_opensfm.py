@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from support.foreign_cameras import brown, equidistant, pixel_error, undistorted_error
+from support.refusals import failure_of
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -18,7 +19,6 @@ from support.small_captures import (
 )
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import DataError
 from gsfw.datamanagers.opensfm import OpenSfmConfig
 
 LONGER = max(WIDTH, HEIGHT)
@@ -64,10 +64,7 @@ def build(path, config=None, **settings):
     return OpenSfmConfig(**config or {}).build(request(path, **settings))
 
 
-def failure(path) -> str:
-    with pytest.raises(DataError) as error:
-        build(path)
-    return str(error.value)
+failure = failure_of(build)
 
 
 def test_points_fall_where_they_should(tmp_path):

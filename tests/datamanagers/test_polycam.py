@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from support.refusals import failure_of
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -19,7 +20,6 @@ from support.small_captures import (
 )
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import DataError
 from gsfw.datamanagers.polycam import PolycamConfig
 
 
@@ -45,10 +45,7 @@ def build(path, config=None, **settings):
     return PolycamConfig(**config or {}).build(request(path, **settings))
 
 
-def failure(path, config=None) -> str:
-    with pytest.raises(DataError) as error:
-        build(path, config)
-    return str(error.value)
+failure = failure_of(build)
 
 
 def test_points_fall_where_they_should(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from support.foreign_cameras import brown, pixel_error, undistorted_error
+from support.refusals import failure_of
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -14,11 +15,11 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
+    square,
     write_images,
 )
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import DataError
 from gsfw.datamanagers.reality_capture import RealityCaptureConfig, _pose
 
 HEADER = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"
@@ -28,17 +29,6 @@ INTRINSICS = (
     (CENTER[0] - WIDTH / 2) / WIDTH,
     (CENTER[1] - HEIGHT / 2) / WIDTH,
 )
-
-
-def square(capture):
-    """RealityCapture knows one focal length."""
-
-    def pixels(view, scale=1.0):
-        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
-        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array(CENTER))
-
-    object.__setattr__(capture, "pixels", pixels)
-    return capture
 
 
 def angles(pose):
@@ -74,10 +64,7 @@ def build(path, config=None, **settings):
     return RealityCaptureConfig(**config or {}).build(request(path, **settings))
 
 
-def failure(path) -> str:
-    with pytest.raises(DataError) as error:
-        build(path)
-    return str(error.value)
+failure = failure_of(build)
 
 
 NEW_HEADER = "#name,x,y,alt,yaw,pitch,roll,f_35mm,px_norm,py_norm,k1,k2,k3,k4,t1,t2"

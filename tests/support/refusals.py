@@ -22,3 +22,14 @@ def refusal_of(read: Callable[[Path], object]) -> Callable[[Path], str]:
         return str(caught.value).replace(str(path), "FILE")
 
     return refusal
+
+
+def failure_of(build: Callable[..., object]) -> Callable[..., str]:
+    """A function that builds a data set, which must be refused, and returns cause and remedy."""
+
+    def failure(*given: object) -> str:
+        with pytest.raises(DataError) as caught:
+            build(*given)
+        return str(caught.value)
+
+    return failure

@@ -52,6 +52,17 @@ def ring(views: int = 4, size: float = 1.0, origin=(0.0, 0.0, 0.0)) -> SmallCapt
     return SmallCapture(poses, points, names, generator.integers(0, 256, (20, 3)).astype(np.uint8))
 
 
+def square(capture):
+    """The same for programs that know one focal length."""
+
+    def pixels(view, scale=1.0):
+        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
+        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array(CENTER))
+
+    object.__setattr__(capture, "pixels", pixels)
+    return capture
+
+
 def write_image(path: Path, width: int = WIDTH, height: int = HEIGHT, mode: str = "RGB") -> None:
     """An image of a gradient."""
     path.parent.mkdir(parents=True, exist_ok=True)

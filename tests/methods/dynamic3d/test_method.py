@@ -29,20 +29,6 @@ def fill_moments(model: TrackedGaussians, optimizer: Optimizer) -> None:
             optimizer.moments(name)[0].first.fill_(1.0)
 
 
-@pytest.mark.parametrize("num_times", [0, 1])
-def test_a_capture_without_times_is_refused_with_advice(num_times):
-    with pytest.raises(ConfigError) as caught:
-        TrackedGaussiansConfig().build().check_scene(moving_scene(num_times=num_times))
-    assert str(caught.value) == (
-        "this method is for captures of several times, and 'toy' has one.\n"
-        "Use method=3dgs. If the scene does move, its data have to say when each image was "
-        'taken, such as by "time" in every frame of a transforms.json; gsfw prepare VIDEO '
-        "layout=transforms writes one. The built-in scene moves with datamanager.moving=true."
-    )
-    several = moving_scene(camera_centers=torch.zeros(33, 3))
-    TrackedGaussiansConfig().build().check_scene(several)
-
-
 def test_one_view_at_each_time_is_refused_with_advice():
     with pytest.raises(ConfigError) as caught:
         TrackedGaussiansConfig().build().check_scene(

@@ -167,19 +167,6 @@ def test_an_unknown_encoder_is_refused_by_name():
     assert "encoder=planes: expected one of hexplane, mlp, hash" in str(caught.value)
 
 
-@pytest.mark.parametrize("num_times", [0, 1])
-def test_a_capture_without_times_is_refused_with_advice(num_times):
-    with pytest.raises(ConfigError) as caught:
-        DeformationConfig().build().check_scene(scene(num_times=num_times))
-    assert str(caught.value) == (
-        "this method is for captures of several times, and 'toy' has one.\n"
-        "Use method=3dgs. If the scene does move, its data have to say when each image was "
-        'taken, such as by "time" in every frame of a transforms.json; gsfw prepare VIDEO '
-        "layout=transforms writes one. The built-in scene moves with datamanager.moving=true."
-    )
-    DeformationConfig().build().check_scene(scene())
-
-
 def test_points_that_are_not_there_cannot_be_asked_for():
     with pytest.raises(ConfigError) as caught:
         DeformationConfig(init="points").build().check_scene(scene(0))

@@ -66,19 +66,6 @@ def test_values_out_of_range_are_refused(settings, message):
     assert caught.value.message == message
 
 
-def test_a_capture_of_one_time_is_refused_with_advice():
-    method = SlicedGaussiansConfig().build()
-    method.check_scene(scene())
-    with pytest.raises(ConfigError) as caught:
-        method.check_scene(scene(num_times=1))
-    assert str(caught.value) == (
-        "this method is for captures of several times, and 'toy' has one.\n"
-        "Use method=3dgs. If the scene does move, its data have to say when each image was "
-        'taken, such as by "time" in every frame of a transforms.json; gsfw prepare VIDEO '
-        "layout=transforms writes one. The built-in scene moves with datamanager.moving=true."
-    )
-
-
 def test_points_that_are_not_there_cannot_be_asked_for():
     with pytest.raises(ConfigError, match="init=points: 'toy' brings 0 points"):
         SlicedGaussiansConfig(init="points").build().check_scene(scene(0))

@@ -56,18 +56,6 @@ def test_a_run_is_exported_as_it_is_at_any_time(tmp_path):
         assert float((expected.color - found.color).abs().max()) < 1e-3
 
 
-def test_data_without_times_are_refused_before_training(tmp_path, capsys):
-    arguments = ["train", "method=4d-rotor", f"out={tmp_path / 'run'}", "datamanager.views=2"]
-    arguments += [
-        "datamanager.width=8",
-        "datamanager.height=8",
-        "datamanager.points=9",
-        "datamanager.moving=false",
-    ]
-    assert main(arguments) != 0
-    assert "method '4d-rotor' is for captures of several times" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_a_scene_that_moves_is_drawn_better_than_as_if_it_stood_still(tmp_path):
     settings = ("datamanager.views=40", "datamanager.width=48", "datamanager.height=36")

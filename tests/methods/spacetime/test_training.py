@@ -86,18 +86,6 @@ def test_views_of_one_time_share_a_step(tmp_path):
     assert figures["skipped_steps"] == 0
 
 
-def test_data_without_times_are_refused_before_training(tmp_path, capsys):
-    arguments = ["train", "method=spacetime", f"out={tmp_path / 'run'}", "datamanager.views=2"]
-    arguments += [
-        "datamanager.width=8",
-        "datamanager.height=8",
-        "datamanager.points=9",
-        "datamanager.moving=false",
-    ]
-    assert main(arguments) != 0
-    assert "method 'spacetime' is for captures of several times" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_a_scene_that_moves_is_drawn_better_than_as_if_it_stood_still(tmp_path):
     settings = ("datamanager.views=24", "datamanager.width=48", "datamanager.height=36")
