@@ -9,8 +9,8 @@ run's held-out views.
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -122,5 +122,7 @@ def table(run: str) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    for line in table(sys.argv[1]):
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run")
+    for line in table(parser.parse_args().run):
         print(line, flush=True)  # noqa: T201

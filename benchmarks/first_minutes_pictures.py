@@ -9,9 +9,9 @@ installed, first-report.jpg to FOLDER (docs/images when left out).
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -153,9 +153,9 @@ def main(out: Path, run: Path) -> None:
 
 
 if __name__ == "__main__":
-    given = [Path(text) for text in sys.argv[1:]]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/images"))
+    parser.add_argument("run", nargs="?", type=Path)
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        main(
-            given[0] if given else Path("docs/images"),
-            given[1] if given[1:] else Path(temporary) / "run",
-        )
+        main(given.folder, given.run or Path(temporary) / "run")

@@ -9,6 +9,7 @@ instead: a checker that does not see that sees nothing.
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from collections.abc import Iterator
@@ -48,8 +49,12 @@ MANY_NUMBERS = 4096 * 257 + 5
 
 def main() -> int:
     """Run everything, and wait for it."""
-    device = torch.device(sys.argv[1] if len(sys.argv) > 1 else "cuda:0")
-    if sys.argv[2:] == ["overrun"]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("device", nargs="?", type=torch.device, default="cuda:0")
+    parser.add_argument("overrun", nargs="?", choices=["overrun"])
+    given = parser.parse_args()
+    device = given.device
+    if given.overrun:
         overrun(device)
         return 0
     images_and_steps(device)

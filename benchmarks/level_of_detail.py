@@ -12,8 +12,8 @@ to the near views (``gsfw export keep=``).
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import time
 from dataclasses import replace
 
@@ -39,12 +39,15 @@ FAR = 5.0
 
 def main() -> None:
     """Print a line for each budget."""
-    found = find_run(sys.argv[1], print, splats=True)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run")
+    parser.add_argument("views", nargs="?", type=int, default=8)
+    asked = parser.parse_args()
+    found = find_run(asked.run, print, splats=True)
     composition = restore_run(found, installed()).composition
     parts, settings = composition.parts, composition.plan.settings
     given = list(parts.data.views(Split.TRAIN).cameras)
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else 8
-    near = [given[n] for n in spread(range(len(given)), count)]
+    near = [given[n] for n in spread(range(len(given)), asked.views)]
     middle = viewing_center(gathered(given))
     far = [moved_back(camera, middle) for camera in near]
     with torch.no_grad():

@@ -10,6 +10,7 @@ and opens it in a process of its own, which draws 12 views on a walk through it.
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -64,9 +65,12 @@ def main() -> None:
     from gsfw.core.splats import Sh, Splats
     from gsfw.lod.exporter import LodExporter
 
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 2_000_000
-    bound = float(sys.argv[2]) if len(sys.argv) > 2 else 128.0
-    budget = sys.argv[3] if len(sys.argv) > 3 else "50000"
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("gaussians", nargs="?", type=int, default=2_000_000)
+    parser.add_argument("bound_mb", nargs="?", type=float, default=128.0)
+    parser.add_argument("budget", nargs="?", default="50000")
+    given = parser.parse_args()
+    count, bound, budget = given.gaussians, given.bound_mb, given.budget
     random = torch.Generator().manual_seed(0)
     places = 100 * torch.rand(count, 3, generator=random) - 50
     places[:, 1] = (places[:, 0] / 9).sin() + (places[:, 2] / 7).cos()

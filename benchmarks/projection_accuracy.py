@@ -10,8 +10,8 @@ that any of the images has drawn, as PSNR of colours in [0, 1].
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -283,7 +283,9 @@ def opacities() -> str:
 
 if __name__ == "__main__":
     images = Path(__file__).resolve().parents[1] / "docs" / "images"
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else images
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=images)
+    folder = parser.parse_args().folder
     tables, plots = projection()
     write_figure(folder / "projection-accuracy.png", line_figure(plots))
     print(tables)  # noqa: T201 - what it is for

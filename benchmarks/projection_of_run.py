@@ -8,7 +8,7 @@ precision, and prints a table: PSNR against splatting, PSNR against the photo, a
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -60,4 +60,8 @@ def projection_of_run(run: Path, count: int) -> str:
 
 
 if __name__ == "__main__":
-    print(projection_of_run(Path(sys.argv[1]), int((sys.argv[2:] or ["2"])[0])))  # noqa: T201
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("views", nargs="?", type=int, default=2)
+    given = parser.parse_args()
+    print(projection_of_run(given.run, given.views))  # noqa: T201

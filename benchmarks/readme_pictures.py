@@ -9,9 +9,9 @@ views.jpg and channels.jpg to FOLDER (docs/images when left out).
 
 from __future__ import annotations
 
+import argparse
 import math
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
@@ -136,6 +136,9 @@ def main(out: Path, runs: Path) -> None:
 
 
 if __name__ == "__main__":
-    given = [Path(text) for text in sys.argv[1:]]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/images"))
+    parser.add_argument("runs", nargs="?", type=Path)
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        main(given[0] if given else Path("docs/images"), given[1] if given[1:] else Path(temporary))
+        main(given.folder, given.runs or Path(temporary))

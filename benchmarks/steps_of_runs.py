@@ -11,6 +11,7 @@ of a view.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -92,4 +93,8 @@ def table(runs: list[Path], rounds: int) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(table([Path(name) for name in sys.argv[2:]], int(sys.argv[1])))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rounds", type=int)
+    parser.add_argument("runs", nargs="+", type=Path)
+    given = parser.parse_args()
+    sys.stdout.write(table(given.runs, given.rounds))
