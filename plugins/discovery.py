@@ -148,7 +148,8 @@ class Discovery:
     def add(self, plugin: ModuleType | object, source: PluginSource) -> None:
         """Register one plugin, unless it asks for another API version.
 
-        Unknown hooks, and those without ``@hookimpl``, are ignored, and named in ``broken``.
+        Unknown hooks, and those without ``@hookimpl``, are ignored, and named in ``broken``, as is
+        a plugin without hooks.
         """
         key = _key(source)
         try:
@@ -159,6 +160,10 @@ class Discovery:
             if wrong is None:
                 raise
             self._skip(source, f"{wrong[1]} takes no arguments", f"Write def {wrong[1]}().")
+            return
+        if not self._manager.get_hookcallers(plugin) and not _unmarked_hooks(plugin):
+            self._manager.unregister(name=key)
+            self._skip(source, *_lack_of_hooks(plugin, source.package))
             return
         try:
             asked = self._asked_range(key)
@@ -302,6 +307,20 @@ def _unmarked_hooks(plugin: ModuleType | object) -> list[str]:
         and not _is_marked(plugin, name, "impl")
         and not _is_marked(plugin, name, "spec")  # The specification itself, imported.
     ]
+
+
+def _lack_of_hooks(plugin: ModuleType | object, package: str) -> tuple[str, str]:
+    """Cause and remedy where a plugin has no hook."""
+    module = getattr(plugin, "__name__", package)
+    if isinstance(plugin, ModuleType) and plugin.__spec__ and not plugin.__spec__.has_location:
+        # A folder of the project's name in a folder that Python searches before the package.
+        folder = next(iter(getattr(plugin, "__path__", ())), "")
+        return (
+            f"the folder {folder}, which has no __init__.py, takes the place of its module "
+            f"{module!r}",
+            "Start Python in another folder, or rename this one.",
+        )
+    return f"its module {module!r} has no hook", f"Write one of {', '.join(SPEC_HOOKS)}."
 
 
 def _problem(found: object) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+from contextlib import suppress
 
 
 def main() -> int:
@@ -16,5 +18,18 @@ def main() -> int:
     return run()
 
 
+def _without_current_folder() -> None:
+    """Take out the current folder, which ``-m`` puts first: the program gsfw does not search it.
+
+    A folder there that is named like an installed package takes the package's place.
+    """
+    if getattr(sys.flags, "safe_path", False):  # From Python 3.11 on.
+        return
+    with suppress(OSError):  # The folder was removed.
+        if sys.path[:1] == [os.getcwd()]:
+            del sys.path[0]
+
+
 if __name__ == "__main__":
+    _without_current_folder()
     sys.exit(main())

@@ -33,6 +33,15 @@ LIGHT = [
 ]
 
 
+def test_modules_of_the_current_folder_take_no_place_of_installed_ones(tmp_path):
+    (tmp_path / "pluggy.py").write_text("raise SystemExit('a module of the current folder')")
+    done = subprocess.run(
+        [sys.executable, "-m", "gsfw", "plugins", "slot=sampler"],
+        capture_output=True, text=True, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert "uniform" in done.stdout, done.stderr
+
+
 def test_commands_that_need_no_torch_do_not_import_it():
     script = (
         "import sys\nfrom gsfw.commands.main import main\n"

@@ -69,7 +69,7 @@ def test_the_recipe_of_a_scalar_writes_events(tmp_path):
 
 def test_the_recipe_of_a_map_adds_it_to_every_batch():
     wrapper = module_of(RECIPES["Per-view map"]).WithBrightness
-    data = composed(registry_with(module_of("")), wrapper).parts.data
+    data = composed(registry_with(), wrapper).parts.data
     assert data.views(Split.TRAIN).maps == {"brightness": 1}
     batch = data.load(Split.TRAIN, [0], torch.device("cpu"))[0]
     assert batch.maps["brightness"].values.shape == (1, 24, 32, 1)

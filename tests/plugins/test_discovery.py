@@ -1,5 +1,8 @@
 """Tests of gsfw.plugins.discovery."""
 
+from importlib import import_module
+from types import ModuleType
+
 import pytest
 from support.fake_parts import FakePlugin, registry_of
 
@@ -62,6 +65,25 @@ def test_an_unknown_hook_is_named_and_the_other_hooks_of_the_plugin_work():
         ("gsfw_zzz", "there is no such hook, the others are used"),
     ]
     assert "install the version of pkg0 that was made for it" in registry.broken[0].advice
+
+
+def test_a_plugin_without_hooks_is_skipped():
+    registry = registry_of(ModuleType("idle"))
+    (found,) = registry.broken
+    assert found.reason == "its module 'idle' has no hook"
+    assert found.advice.startswith("Write one of gsfw_callbacks, gsfw_commands, ")
+
+
+def test_a_folder_in_the_place_of_a_plugin_is_named(tmp_path, monkeypatch):
+    (tmp_path / "hidden_plugin").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = registry_of(import_module("hidden_plugin"))
+    (found,) = registry.broken
+    assert found.reason == (
+        f"the folder {tmp_path / 'hidden_plugin'}, which has no __init__.py, takes the place of "
+        "its module 'hidden_plugin'"
+    )
+    assert found.advice == "Start Python in another folder, or rename this one."
 
 
 def test_a_field_of_spec_that_a_newer_gsfw_has_is_named_without_a_type_error():

@@ -43,11 +43,12 @@ def module_of(code: str) -> ModuleType:
     return module
 
 
-def registry_with(module: ModuleType) -> Registry:
-    """The built-in parts, and those of the module."""
+def registry_with(*modules: ModuleType) -> Registry:
+    """The built-in parts, and those of the modules."""
     discovery = Discovery()
     discovery.load_builtin()
-    discovery.add(module, PluginSource("page", "page", "1.0"))
+    for module in modules:
+        discovery.add(module, PluginSource("page", "page", "1.0"))
     return Registry(discovery)
 
 
