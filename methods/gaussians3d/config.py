@@ -188,4 +188,4 @@ class StaticGaussiansConfig(GaussiansConfig):
         """Build the method."""
         from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 
-        return StaticGaussiansMethod(self, self.ignore_time)
+        return StaticGaussiansMethod(self)

@@ -8,7 +8,7 @@ points that coincide or lie at a camera are skipped.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -28,6 +28,7 @@ from gsfw.core.refiner import Refiner
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.adaptive_bands import AdaptiveBands
+from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansConfig
 from gsfw.methods.gaussians3d.initialisation import (
     degrees_of,
     from_points,
@@ -37,9 +38,6 @@ from gsfw.methods.gaussians3d.initialisation import (
 )
 from gsfw.methods.gaussians3d.model import GaussianParameters, StaticGaussians
 from gsfw.methods.gaussians3d.opacity_penalty import OpacityPenalty
-
-if TYPE_CHECKING:
-    from gsfw.methods.gaussians3d.config import GaussiansConfig
 
 RANDOM_COST = (
     "This costs quality (built-in scene, 2000 steps and splats: 0.6 dB with strategy=adc, 3.7 dB "
@@ -65,15 +63,10 @@ class StaticGaussiansMethod(Method):
     config: GaussiansConfig
     """The settings of the run; a derived class may annotate its own."""
 
-    def __init__(self, config: GaussiansConfig, ignore_time: bool = False) -> None:
-        """Keep the settings.
-
-        Args:
-            config: settings of the run.
-            ignore_time: true to treat all times of a capture as one.
-        """
+    def __init__(self, config: GaussiansConfig) -> None:
+        """Keep the settings of the run."""
         self.config = config
-        self._ignore_time = ignore_time
+        self._ignore_time = isinstance(config, StaticGaussiansConfig) and config.ignore_time
         self._first_degree = 0
         self._shared_degree: int | None = None
         """The degree of all splats in this step, or OWN_DEGREES; ``None`` before the first."""

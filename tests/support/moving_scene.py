@@ -12,7 +12,7 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.evaluation import render_model
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansOptim
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.methods.gaussians3d.model import GaussianParameters, StaticGaussians
 from gsfw.plugins.specs import Spec, hookimpl
@@ -71,9 +71,11 @@ class DriftingMethod(StaticGaussiansMethod):
 
 
 @dataclass
-class DriftingConfig(GaussiansConfig):
+class DriftingConfig(StaticGaussiansConfig):
+    ignore_time: bool = True
+
     def build(self):
-        return DriftingMethod(self, ignore_time=True)
+        return DriftingMethod(self)
 
 
 class DriftingPlugin:

@@ -61,20 +61,17 @@ class MyPart(StaticGaussiansMethod):
     """Trains the brightness beside everything else."""
 
     model_class = MyPartGaussians
-
-    def __init__(self, config: MyPartConfig) -> None:
-        super().__init__(config, config.ignore_time)
-        self._settings = config
+    config: MyPartConfig
 
     def extra_columns(self, scene: Scene, count: int) -> Mapping[str, Column]:
         """The brightness of ``count`` rows, [count, 1]: medium at first."""
         start = scene.point_colors.new_full((count, 1), 0.5)
-        return {"brightness": Column(start, LearningRate(self._settings.brightness_lr))}
+        return {"brightness": Column(start, LearningRate(self.config.brightness_lr))}
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """The losses of 3dgs, and the mean error of the brightness."""
         error = _error(context.rendered, context.target)
-        term = self._settings.brightness_weight * masked_mean(error, context.batch.valid)
+        term = self.config.brightness_weight * masked_mean(error, context.batch.valid)
         return {**super().losses(context), "brightness": term}
 
     def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:

@@ -17,6 +17,7 @@ from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.scene import Scene
 from gsfw.core.step_settings import step_settings
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 
 
 def scene(num_points: int = 30, **options) -> Scene:
@@ -85,6 +86,11 @@ def test_a_capture_that_moves_is_refused_with_advice():
     ignoring = StaticGaussiansConfig(ignore_time=True).build()
     ignoring.check_scene(moving)
     assert ignoring.notes(moving)[0] == "ignore_time=true: 12 times are treated as one."
+
+
+def test_a_method_that_is_made_from_settings_alone_heeds_ignore_time():
+    moving = scene(num_times=12, time_range=(0.0, 1.0))
+    StaticGaussiansMethod(StaticGaussiansConfig(ignore_time=True)).check_scene(moving)
 
 
 def test_points_that_are_not_there_cannot_be_asked_for():
