@@ -1,4 +1,4 @@
-"""View dependence: a comparison of the splats of a view with those that files of splats hold."""
+"""View dependence: parts of a render that files of splats do not hold."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.splats import Sh
+
+TRIED = 4
+"""Width and height of the image on which a model's decoding is tried, in pixels."""
 
 
 @torch.no_grad()
@@ -32,3 +37,40 @@ def differs_by_view(
     return alone.keys() != seen.keys() or any(
         not torch.equal(alone[name], seen[name]) for name in alone
     )
+
+
+@torch.no_grad()
+def decodes_colors(
+    model: PrimitiveModel, camera: Cameras, time: Float[Tensor, ""] | None = None
+) -> bool:
+    """True if the model changes colours after rendering; false for most models.
+
+    Colours that are not spherical harmonics do not count: no file of splats takes those of a model
+    that decodes. The arguments are those of ``differs_by_view``.
+    """
+    if type(model).decode is PrimitiveModel.decode:
+        return False
+    splats = model.splats(time, camera)
+    if not isinstance(splats.colors, Sh):
+        return False
+    values = torch.linspace(0, 1, 3 * TRIED**2, device=camera.world_to_camera.device)
+    color, one = values.reshape(1, TRIED, TRIED, 3), values.new_ones(1, TRIED, TRIED, 1)
+    rendered = RenderOutput(
+        color,
+        one,
+        RenderStatistics.zeros(splats.means, 1, frozenset()),
+        depth=one,
+        extra=None if splats.extra is None else one * splats.extra.mean(dim=0),
+    )
+    return not torch.equal(model.decode(rendered, camera.resized(TRIED, TRIED)).color, color)
+
+
+def lacking_in_files(
+    model: PrimitiveModel, camera: Cameras, time: Float[Tensor, ""] | None = None
+) -> tuple[str, ...]:
+    """Names of the properties of a model that files of splats do not hold; none for most models.
+
+    The names are figures of a finished run. The arguments are those of ``differs_by_view``.
+    """
+    lacks = {"depends_on_view": differs_by_view, "decodes_colors": decodes_colors}
+    return tuple(name for name, is_lacking in lacks.items() if is_lacking(model, camera, time))

@@ -16,15 +16,20 @@ from gsfw.core.maths.spherical_harmonics import rgb_to_dc
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
-from gsfw.core.view_dependence import differs_by_view
+from gsfw.core.view_dependence import lacking_in_files
 
 CHUNK = 1 << 16
 """Rows whose values are checked at once."""
-VIEW_NOTE = (
-    "the splats of this model depend on the view: a file of splats has those without a view, "
+LOOKS_DIFFERENT = (
     "and may look different from renders of the model. A model file has all: format=gsfw"
 )
-"""Warning for a model whose splats of a view differ from those of its snapshot."""
+NOTES = {
+    "depends_on_view": "the splats of this model depend on the view: a file of splats has those "
+    f"without a view, {LOOKS_DIFFERENT}",
+    "decodes_colors": "this model changes colours after rendering: a file of splats has those "
+    f"before, {LOOKS_DIFFERENT}",
+}
+"""Warnings on files of splats, by the figure of a finished run that asks for them."""
 
 
 @torch.no_grad()
@@ -69,11 +74,11 @@ def snapshot(
 def view_notes(
     model: PrimitiveModel, camera: Cameras, time: Float[Tensor, ""] | None = None
 ) -> list[str]:
-    """A warning if the splats of a view differ from those of ``snapshot``; empty for most models.
+    """Warnings if renders of the model differ from those of ``snapshot``; empty for most models.
 
     The arguments are those of ``differs_by_view``.
     """
-    return [VIEW_NOTE] if differs_by_view(model, camera, time) else []
+    return [NOTES[name] for name in lacking_in_files(model, camera, time)]
 
 
 def with_sh(splats: Splats) -> Splats:

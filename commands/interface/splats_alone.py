@@ -12,6 +12,12 @@ from gsfw.core.errors import UserError
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.loop.run_folder import RunFolder
 
+LACKING = {
+    "depends_on_view": "the splats of the model depend on the view, and those of the file do not",
+    "decodes_colors": "the model changes colours after rendering, which the file does not hold",
+}
+"""Causes why the file looks different from renders of the model, by figure of the finished run."""
+
 
 def or_splats_alone(
     found: RunArgument, data: str, step: int | None, warn: Callable[[str], None]
@@ -35,10 +41,8 @@ def or_splats_alone(
     moves = "bytes_per_time" in figures
     if not gone or not folder.splats.is_file() or not figures or moves:
         return found
-    seen = ""
-    if figures.get("depends_on_view"):
-        seen = " It may look different: the splats of the model depend on the view, and those of "
-        seen += "the file do not."
+    causes = [cause for figure, cause in LACKING.items() if figures.get(figure)]
+    seen = f" It may look different: {', and '.join(causes)}." if causes else ""
     warn(
         f"{folder.path} was trained on {gone}, which is not there any more. {folder.splats} takes "
         f"its place, without photos, with made-up cameras around it.{seen} If the data set is "

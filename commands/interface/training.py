@@ -23,7 +23,7 @@ from gsfw.kernels.cpu.native_module import keep_freed_memory, release_render_mem
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
-from gsfw.plugins.snapshot import VIEW_NOTE, snapshot
+from gsfw.plugins.snapshot import NOTES, snapshot
 from gsfw.reports.plain_text import growth
 from gsfw.reports.run_report import report_training
 from gsfw.studies.requirements.report import RequirementsReport
@@ -112,7 +112,7 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
             release_render_memory()
             release_freed_memory()  # That of training and of the report.
             if summary["completed"]:
-                ending.invisible = write_splats(trainer, console, "depends_on_view" in summary)
+                ending.invisible = write_splats(trainer, console, summary)
                 ending.learnt = write_corrections(trainer.parts, folder.path)
                 if trainer.info.settings["report"]:
                     report_training(trainer)
@@ -122,7 +122,7 @@ def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
     return summary
 
 
-def write_splats(trainer: Trainer, console: Console, depends_on_view: bool) -> int:
+def write_splats(trainer: Trainer, console: Console, summary: Mapping[str, Any]) -> int:
     """Write the model as a 3DGS PLY, in the world of the data.
 
     Leaves out rows that are not finite or too faint to be seen; the checkpoint holds all.
@@ -130,7 +130,7 @@ def write_splats(trainer: Trainer, console: Console, depends_on_view: bool) -> i
     Args:
         trainer: of the run.
         console: receives the warnings.
-        depends_on_view: true if the splats of views differ from those of the file.
+        summary: figures of the finished run; they name what files of splats do not hold.
 
     Returns:
         Number of rows that the file lacks because they are too faint (opacity below 1/255); 0 if
@@ -146,8 +146,8 @@ def write_splats(trainer: Trainer, console: Console, depends_on_view: bool) -> i
     except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
         return 0
-    if depends_on_view:
-        console.warn(f"splats.ply: {VIEW_NOTE}")
+    for note in (note for figure, note in NOTES.items() if figure in summary):
+        console.warn(f"splats.ply: {note}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
     return invisible

@@ -8,7 +8,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.loop.memory import memory_summary
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.team import Team
-from gsfw.core.view_dependence import differs_by_view
+from gsfw.core.view_dependence import lacking_in_files
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
@@ -47,6 +47,6 @@ def _sizes(trainer: Trainer) -> dict[str, int | float]:
 
 
 def _view_dependence(parts: TrainingParts) -> dict[str, bool]:
-    """A note that files of splats hold less than the model; empty for most models."""
+    """Notes that files of splats hold less than the model; empty for most models."""
     camera = parts.data.views(Split.TRAIN).cameras[0].to(parts.device)
-    return {"depends_on_view": True} if differs_by_view(parts.model, camera) else {}
+    return dict.fromkeys(lacking_in_files(parts.model, camera), True)

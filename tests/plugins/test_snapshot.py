@@ -83,3 +83,20 @@ def test_a_warning_says_that_the_splats_of_views_are_others_than_those_of_files(
 
 def test_extra_channels_of_a_view_which_no_file_holds_are_not_warned_of():
     assert view_notes(ExtraByView(gaussians(5)), front_camera()) == []
+
+
+class Brighter(ExtraByView):
+    """It multiplies colours after rendering; a gain of 1 leaves them as they are."""
+
+    def __init__(self, given, gain):
+        super().__init__(given)
+        self.gain = gain
+
+    def decode(self, output, cameras):
+        return replace(output, color=self.gain * output.color)
+
+
+def test_a_warning_says_that_a_model_changes_colours_after_rendering():
+    (note,) = view_notes(Brighter(gaussians(5), 1.5), front_camera())
+    assert note.startswith("this model changes colours after rendering: a file of splats has ")
+    assert view_notes(Brighter(gaussians(5), 1.0), front_camera()) == []

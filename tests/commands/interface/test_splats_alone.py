@@ -55,12 +55,14 @@ def test_splats_are_exported_edited_and_rendered_without_the_photos(run, tmp_pat
 def test_the_loss_of_view_dependence_is_told(run):
     folder, warned = RunFolder(run), Warned()
     figures = json.loads(folder.summary.read_text())
-    assert "depends_on_view" not in figures
-    folder.summary.write_text(json.dumps(figures | {"depends_on_view": True}))
+    assert not {"depends_on_view", "decodes_colors"} & figures.keys()
+    noted = {"depends_on_view": True, "decodes_colors": True}
+    folder.summary.write_text(json.dumps(figures | noted))
     _find(str(run), "", warned)
     assert (
         "around it. It may look different: the splats of the model depend on the view, and those "
-        "of the file do not. If the data set"
+        "of the file do not, and the model changes colours after rendering, which the file does "
+        "not hold. If the data set"
     ) in warned.said[0]
 
 
