@@ -49,10 +49,14 @@ class Bright(StaticGaussiansMethod):
         return {"brightness": Column(brightness, LearningRate(0.01))}
 
     def losses(self, context):
-        wanted = context.target.mean(dim=-1, keepdim=True)
-        error = (context.rendered.extra - wanted).abs().mean()
+        error = brightness_error(context.batch, context.rendered)
         return {**super().losses(context), "brightness": 0.1 * error}
 
     def view_metrics(self, batch, rendered):
-        wanted = batch.images.mean(dim=-1, keepdim=True)
-        return {"brightness_error": float((rendered.extra - wanted).abs().mean())}
+        return {"brightness_error": float(brightness_error(batch, rendered))}
+
+
+def brightness_error(batch, rendered):
+    """Mean error over black: extra channels are rendered over 0."""
+    wanted = batch.target(batch.images.new_zeros(3)).mean(dim=-1, keepdim=True)
+    return (rendered.extra - wanted).abs().mean()

@@ -5,10 +5,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+import torch
+from support.scenes import front_camera
 
+from gsfw.core.batch import Batch
 from gsfw.core.errors import ConfigError
+from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.plugins.registry import SLOTS
 from gsfw.scaffold.kinds import BASES, KINDS
 from gsfw.scaffold.names import MOST_LETTERS, PartName
@@ -55,6 +60,20 @@ def test_plugins_import_the_public_interface_alone(slot, like):
     assert {name for name in found if name.split(".")[0] == "gsfw"} <= set(IMPORTABLE)
     registration = imported(files["some_thing/__init__.py"])
     assert registration == {"__future__", "gsfw.api"}
+
+
+@pytest.mark.parametrize("like", [like for like in BASES if like != "moving"])
+def test_what_is_transparent_has_no_brightness(like, monkeypatch):
+    written = ModuleType("written_method")
+    monkeypatch.setitem(sys.modules, written.__name__, written)
+    exec(
+        package_files("method", PartName("some-thing"), like)["some_thing/method.py"], vars(written)
+    )
+    nothing = torch.zeros(1, 4, 4, 1)
+    batch = Batch(torch.ones(1, 4, 4, 3), front_camera().resized(4, 4), (0,), alpha=nothing)
+    statistics = RenderStatistics.zeros(torch.zeros(1, 3), 1, frozenset())
+    rendered = RenderOutput(torch.ones(1, 4, 4, 3), nothing, statistics, extra=nothing)
+    assert written._error(rendered, batch).max() == 0
 
 
 def test_linters_have_nothing_to_say(tmp_path):

@@ -70,17 +70,18 @@ class MyPart(StaticGaussiansMethod):
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """The losses of 3dgs, and the mean error of the brightness."""
-        error = _error(context.rendered, context.target)
+        error = _error(context.rendered, context.batch)
         term = self.config.brightness_weight * masked_mean(error, context.batch.valid)
         return {**super().losses(context), "brightness": term}
 
     def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
         """The mean error of the brightness in a held-out view."""
-        error = masked_mean(_error(rendered, batch.images), batch.valid)
+        error = masked_mean(_error(rendered, batch), batch.valid)
         return {"brightness_error": float(error)}
 
 
-def _error(rendered: RenderOutput, images: Tensor) -> Tensor:
-    """Absolute error of the brightness, [c, h, w, 1]."""
+def _error(rendered: RenderOutput, batch: Batch) -> Tensor:
+    """Absolute error of the brightness over black, as extra channels are rendered, [c, h, w, 1]."""
     assert rendered.extra is not None  # By ``splats``.
-    return (rendered.extra - images.mean(dim=3, keepdim=True)).abs()
+    wanted = batch.target(batch.images.new_zeros(3)).mean(dim=3, keepdim=True)
+    return (rendered.extra - wanted).abs()

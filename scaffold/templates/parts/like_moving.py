@@ -62,15 +62,12 @@ class MyPartCanonical(StaticGaussiansMethod):
     """Makes the canonical Gaussians, which have all that does not change with time."""
 
     model_class = MyPartGaussians
-
-    def __init__(self, config: MyPartConfig) -> None:
-        super().__init__(config)
-        self._rate = LearningRate(config.brightness_lr)
+    config: MyPartConfig
 
     def extra_columns(self, scene: Scene, count: int) -> Mapping[str, Column]:
         """The brightness of ``count`` rows, [count, 1]: medium at first."""
         start = scene.point_colors.new_full((count, 1), 0.5)
-        return {"brightness": Column(start, self._rate)}
+        return {"brightness": Column(start, LearningRate(self.config.brightness_lr))}
 
 
 class MyPart(BaseMethod):
@@ -84,17 +81,18 @@ class MyPart(BaseMethod):
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """The losses of BASE, and the mean error of the brightness."""
-        error = _error(context.rendered, context.target)
+        error = _error(context.rendered, context.batch)
         term = self._weight * masked_mean(error, context.batch.valid)
         return {**super().losses(context), "brightness": term}
 
     def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
         """The mean error of the brightness in a held-out view."""
-        error = masked_mean(_error(rendered, batch.images), batch.valid)
+        error = masked_mean(_error(rendered, batch), batch.valid)
         return {"brightness_error": float(error)}
 
 
-def _error(rendered: RenderOutput, images: Tensor) -> Tensor:
-    """Absolute error of the brightness, [c, h, w, 1]."""
+def _error(rendered: RenderOutput, batch: Batch) -> Tensor:
+    """Absolute error of the brightness over black, as extra channels are rendered, [c, h, w, 1]."""
     assert rendered.extra is not None  # By ``splats``.
-    return (rendered.extra - images.mean(dim=3, keepdim=True)).abs()
+    wanted = batch.target(batch.images.new_zeros(3)).mean(dim=3, keepdim=True)
+    return (rendered.extra - wanted).abs()
