@@ -162,8 +162,8 @@ def _label(axes: Axes, front: Sequence[CostDot], dots: Sequence[CostDot]) -> Non
     ends = [axes.transData.transform((dot.cost, dot.quality)) for dot in front]
     line = Path(np.array(ends).reshape(-1, 2))
     for dot in front:
-        labels = [_annotation(axes, dot, offset) for offset in _offsets()]
-        boxes = [_text_box(label) for label in labels]
+        offsets = list(_offsets())
+        boxes = _text_boxes(axes, dot, offsets)
         harms = [
             number
             + ON_LINE * line.intersects_bbox(box, filled=False)
@@ -172,8 +172,7 @@ def _label(axes: Axes, front: Sequence[CostDot], dots: Sequence[CostDot]) -> Non
             for number, box in enumerate(boxes)
         ]
         chosen = harms.index(min(harms))
-        for label in labels[:chosen] + labels[chosen + 1 :]:
-            label.remove()
+        _annotation(axes, dot, offsets[chosen])
         taken.append(boxes[chosen])
 
 
@@ -216,9 +215,16 @@ def _annotation(axes: Axes, dot: CostDot, offset: tuple[float, float]) -> Annota
     )
 
 
-def _text_box(label: Annotation) -> Bbox:
-    """Pixels of the text alone, without the line that leads to it."""
-    from matplotlib.text import Text
-
-    label.get_window_extent()  # This puts the text in its place.
-    return Text.get_window_extent(label)
+def _text_boxes(axes: Axes, dot: CostDot, offsets: Sequence[tuple[float, float]]) -> list[Bbox]:
+    """Pixels of the text alone at each offset: it is laid out once on each side of the dot."""
+    near = {}
+    for reach in (NEAR, -NEAR):
+        label = _annotation(axes, dot, (reach, 0.0))  # Without a line, which would count.
+        near[reach] = label.get_window_extent()
+        label.remove()
+    pixels = axes.figure.dpi / 72
+    boxes = []
+    for x, y in offsets:
+        side = math.copysign(NEAR, x)
+        boxes.append(near[side].translated((x - side) * pixels, y * pixels))
+    return boxes
