@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import torch
 from shape_checks import MOST_CHECKS, Budget
+from support.known_images import KnownImages
 from support.made_once import MadeOnce
 from support.native_proofs import (  # noqa: F401 - hooks
     pytest_runtest_makereport,
@@ -123,6 +124,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     folders = set(item.path.relative_to(TESTS).parts[:-1])
     whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
     Budget.start(0 if whole else MOST_CHECKS)
+    KnownImages.are_used = whole
     looked_at = not whole or bool(folders & CHARTS)
     draw_at(FINE if looked_at or "slow" in marks else COARSE)
     report.plot = plot if looked_at else blank
