@@ -32,7 +32,7 @@ METHODS = {
     "spacetime": ("method=spacetime", "datamanager.moving=true", "datamanager.times=4"),
 }
 
-STEPS = 100
+STEPS = 80
 """Refiners edit rows before and after the checkpoint in the middle."""
 
 
@@ -43,8 +43,8 @@ def rows(folder: Path) -> int:
 
 def words(method: str, shards: int = 0) -> tuple[str, ...]:
     """Settings of a run, but for its folder and its processes."""
-    every = (f"steps={STEPS}", f"checkpoint_every={STEPS // 2}", f"shards={shards}")
-    return (*METHODS[method], *SCENE, *every)
+    every = (f"steps={STEPS}", "rescale=false", f"checkpoint_every={STEPS // 2}")
+    return (*METHODS[method], *SCENE, *every, f"shards={shards}")
 
 
 @pytest.fixture(autouse=True)
