@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy  # Its parts are loaded when they are first used: most runs shrink nothing.
 from jaxtyping import Bool, Float32, Shaped, UInt8
@@ -16,7 +18,36 @@ def shrink(
     """An image at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
     if pixels.shape[:2] == (height, width):
         return pixels
-    return to_pixels(shrink_values(to_values(pixels), width, height))
+    # Columns first: the layout decides the last bits of later matrix products, as for features.
+    small = np.empty((width, height, pixels.shape[2]), np.uint8).transpose(1, 0, 2)
+    shrink_into(small, lambda top, bottom: to_values(pixels[top:bottom]), pixels.shape[:2])
+    return small
+
+
+def shrink_into(
+    small: UInt8[np.ndarray, "h2 w2 d"],
+    values: Callable[[int, int], Float32[np.ndarray, "rows w d"]],
+    size: tuple[int, int],
+) -> None:
+    """``to_pixels(shrink_values(...))`` bit for bit, with few rows of numbers at a time.
+
+    Args:
+        small: the result.
+        values: the colours of the rows from the first to before the last, as of ``to_values``.
+        size: all rows, and columns.
+    """
+    height, width = small.shape[:2]
+    down = _weights(size[0], height)
+    step = max(1, STRIP * height // size[0])
+    for top in range(0, height, step):
+        weights = down[top : top + step]
+        first, last = int(weights.indices.min()), int(weights.indices.max()) + 1
+        strip = values(first, last)
+        if size != (height, width):
+            strip = weights[:, first:last] @ strip.reshape(last - first, -1)
+            strip = strip.reshape(len(strip), size[1], -1)
+            strip = shrink_values(strip, width, len(strip))
+        small[top : top + step] = to_pixels(strip)
 
 
 def to_values(pixels: UInt8[np.ndarray, "h w d"]) -> Float32[np.ndarray, "h w d"]:

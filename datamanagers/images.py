@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,12 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.core.files.mirror import held
 from gsfw.datamanagers.area import (
+    STRIP,
     shrink,
     shrink_in_strips,
+    shrink_into,
     shrink_mask,
     shrink_values,
-    to_pixels,
     to_values,
 )
 from gsfw.datamanagers.color_profile import in_srgb
@@ -53,6 +55,8 @@ UPRIGHT = {
     8: Image.Transpose.ROTATE_90,
 }
 """Operation that turns an image of each EXIF orientation upright (CIPA DC-008, tag 274)."""
+LAST_ROW_FIRST = (3, 4, 6, 7)
+"""Orientations whose last stored row is the first row or column of the upright image."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +119,14 @@ def fit_image(
     fitted = fit_mask(valid, width, height, warp)
     if warp is None:
         return DecodedImage(shrink(pixels, width, height), fitted)
-    values = warp.colors(to_values(pixels))
-    return DecodedImage(to_pixels(shrink_values(values, width, height)), fitted)
+    # Numbers of one channel at a time take less memory; those with alpha belong together.
+    channels = pixels.shape[2]
+    groups = [slice(0, 4)] if channels == 4 else [slice(one, one + 1) for one in range(channels)]
+    target, small = warp.undistortion.target, np.empty((height, width, channels), np.uint8)
+    for group in groups:
+        rows = partial(warp.colors, to_values(pixels[..., group]))
+        shrink_into(small[..., group], rows, (target.height, target.width))
+    return DecodedImage(small, fitted)
 
 
 def fit_small(
@@ -193,11 +203,35 @@ def decode(
     with _opened(path) as image:
         if least is not None:
             image.draft(None, least if header.orientation < 5 else least[::-1])
-        upright = _upright(image)
-        if upright.mode.startswith("I"):
-            grey = np.asarray(upright).clip(0, 65535).astype(np.uint16) >> 8
-            return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
-        return np.array(in_srgb(upright, "RGBA" if header.has_alpha else "RGB"))
+        image.load()
+        height, width = image.height, image.width
+        turned = header.orientation >= 5
+        pixels = np.empty(
+            (*((width, height) if turned else (height, width)), 4 if header.has_alpha else 3),
+            np.uint8,
+        )
+        # Pillow's copies of a whole image take four bytes of each pixel.
+        for top in range(0, height, STRIP):
+            bottom = min(top + STRIP, height)
+            strip = image.crop((0, top, width, bottom))
+            rows = slice(top, bottom)
+            if header.orientation in LAST_ROW_FIRST:
+                rows = slice(height - bottom, height - top)
+            pixels[(slice(None), rows) if turned else rows] = _colors(
+                _turned(strip, header.orientation), "RGBA" if header.has_alpha else "RGB"
+            )
+        return pixels
+
+
+def _colors(image: Image.Image, mode: str) -> UInt8[np.ndarray, "h w d"]:
+    if not image.mode.startswith("I"):
+        return np.asarray(in_srgb(image, mode))
+    values = np.asarray(image)
+    grey = (values.clip(0, 65535).astype(np.uint16) >> 8).astype(np.uint8)
+    layers = [grey] * 3
+    if mode == "RGBA":  # One value of a PNG is transparent.
+        layers.append(np.where(values == image.info["transparency"], 0, 255).astype(np.uint8))
+    return np.stack(layers, axis=2)
 
 
 def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:
@@ -320,5 +354,8 @@ def _orientation(image: Image.Image) -> int:
 
 
 def _upright(image: Image.Image) -> Image.Image:
-    orientation = _orientation(image)
-    return image.transpose(UPRIGHT[orientation]) if orientation != 1 else image
+    return _turned(image, _orientation(image))
+
+
+def _turned(image: Image.Image, orientation: int) -> Image.Image:
+    return image if orientation == 1 else image.transpose(UPRIGHT[orientation])

@@ -112,10 +112,15 @@ class Warp:
         self.undistortion = undistortion
         self._maps = maps
 
-    def colors(self, values: Float32[np.ndarray, "h w d"]) -> Float32[np.ndarray, "h2 w2 d"]:
-        """An undistorted image; where the lens saw nothing, its border is repeated."""
+    def colors(
+        self, values: Float32[np.ndarray, "h w d"], top: int, bottom: int
+    ) -> Float32[np.ndarray, "rows w2 d"]:
+        """Rows ``top`` to before ``bottom`` of an undistorted image.
+
+        Where the lens saw nothing, its border is repeated.
+        """
         pixels = torch.from_numpy(values).permute(2, 0, 1)[None]
-        positions = self._maps.get(self.undistortion).positions[None]
+        positions = self._maps.get(self.undistortion).positions[None, top:bottom]
         found = grid_sample(
             pixels, positions, mode="bicubic", padding_mode="border", align_corners=False
         )

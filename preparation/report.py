@@ -26,6 +26,8 @@ from gsfw.preparation.writing.written_files import WrittenDataSet
 
 UNPLACED = COLUMNS
 """Number of images without a camera on the sheet: one row."""
+PREVIEW = (512, 512)
+"""Pixels of an image that is kept for the sheet, which shows it smaller."""
 NAME = 40
 """Largest number of letters of a name in a table."""
 
@@ -129,9 +131,11 @@ def _unplaced(prepared: Prepared) -> list[Tile]:
 def _preview(path: Path) -> tuple[Image.Image | None, str]:
     """An image for the sheet, and what to say where it does not decode."""
     try:
-        return Image.fromarray(decode(path, read_header(path))).convert("RGB"), ""
+        image = Image.fromarray(decode(path, read_header(path), PREVIEW)).convert("RGB")
     except DataError:
         return None, "does not decode"
+    image.thumbnail(PREVIEW)
+    return image, ""
 
 
 def _brief(name: str) -> str:

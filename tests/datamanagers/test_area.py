@@ -1,8 +1,11 @@
 """The area filter."""
 
-import numpy as np
+import tracemalloc
 
-from gsfw.datamanagers.area import shrink, shrink_mask
+import numpy as np
+import pytest
+
+from gsfw.datamanagers.area import shrink, shrink_mask, shrink_values, to_pixels, to_values
 
 
 def noise(height: int, width: int, channels: int) -> np.ndarray:
@@ -37,6 +40,24 @@ def test_a_whole_factor_gives_the_mean_of_each_block():
 def test_pixels_on_a_border_count_by_the_part_that_is_covered():
     image = noise(7, 10, 3)
     assert np.abs(shrink(image, 4, 3) - area_mean(image, 4, 3)).max() <= 0.5 + 1e-4
+
+
+@pytest.mark.parametrize("size", [(411, 133), (1300, 50), (3, 7)])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_strips_give_the_bits_of_the_whole_image(size, channels):
+    image = noise(1300, 160, channels)
+    whole = to_pixels(shrink_values(to_values(image), size[1], size[0]))
+    assert np.array_equal(shrink(image, size[1], size[0]), whole)
+
+
+def test_a_large_image_is_never_held_as_numbers():
+    image = noise(3000, 400, 3)
+    tracemalloc.start()
+    try:
+        shrink(image, 100, 750)
+        assert tracemalloc.get_traced_memory()[1] < 3 * image.nbytes
+    finally:
+        tracemalloc.stop()
 
 
 def test_the_same_size_changes_nothing():

@@ -73,6 +73,17 @@ def test_a_large_image_of_one_colour_is_read(tmp_path, form):
     assert decode(path, read_header(path)).shape == (2000, 3000, 3)
 
 
+def test_a_large_image_is_decoded_without_further_copies(tmp_path):
+    path = save(tmp_path / "a.jpg", Image.new("RGB", (3000, 2000), (20, 30, 40)))
+    header = read_header(path)
+    tracemalloc.start()
+    try:
+        size = decode(path, header).nbytes
+        assert tracemalloc.get_traced_memory()[1] < 2 * size
+    finally:
+        tracemalloc.stop()
+
+
 def test_grey_is_spread_over_the_channels(tmp_path):
     path = save(tmp_path / "grey.png", Image.new("L", (3, 2), 77))
     assert np.unique(loaded(path)).tolist() == [77]
@@ -107,6 +118,12 @@ def test_grey_with_alpha_keeps_its_alpha(tmp_path):
     assert loaded(path)[0, 0].tolist() == [50, 50, 50, 60]
 
 
+def test_a_transparent_grey_of_16_bits_becomes_alpha(tmp_path):
+    grey = np.array([[1000, 2000]], np.uint16)
+    path = save(tmp_path / "a.png", Image.fromarray(grey), transparency=2000)
+    assert loaded(path).tolist() == [[[3, 3, 3, 255], [7, 7, 7, 0]]]
+
+
 def test_cmyk_becomes_rgb(tmp_path):
     path = save(tmp_path / "print.jpg", Image.new("CMYK", (8, 8), (0, 255, 255, 0)))
     red, green, blue = loaded(path)[4, 4].tolist()
@@ -116,7 +133,10 @@ def test_cmyk_becomes_rgb(tmp_path):
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "tif", "webp"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_exif_orientation_is_applied_and_known_from_the_header(tmp_path, orientation, extension):
+def test_exif_orientation_is_applied_and_known_from_the_header(
+    tmp_path, monkeypatch, orientation, extension
+):
+    monkeypatch.setattr(images, "STRIP", 5)
     upright = np.zeros((16, 32, 3), np.uint8)
     upright[:8, :16] = 250
     stored = {

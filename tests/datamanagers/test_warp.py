@@ -13,6 +13,7 @@ from support.distorted_images import (
 )
 from support.sampling import sampled
 
+from gsfw.datamanagers.area import shrink_values, to_pixels, to_values
 from gsfw.datamanagers.images import fit_image
 from gsfw.datamanagers.undistortion import LensRule, undistortion_of
 from gsfw.datamanagers.warp import MapCache, Warp
@@ -55,13 +56,26 @@ def test_rays_show_where_they_should_in_shrunk_images():
     assert np.abs(errors).max() < 0.02
 
 
+@pytest.mark.parametrize("channels", [3, 4])
+def test_strips_of_one_channel_give_the_bits_of_the_whole_image(channels):
+    straightened = warp("OPENCV")
+    target = straightened.undistortion.target
+    generator = np.random.default_rng(4)
+    pixels = generator.integers(0, 256, (HEIGHT, WIDTH, channels), np.uint8)
+    whole = straightened.colors(to_values(pixels), 0, target.height)
+    for shrunk in (1, 1.3):
+        found = fit(straightened, pixels, shrunk=shrunk).pixels
+        wanted = to_pixels(shrink_values(whole, found.shape[1], found.shape[0]))
+        assert np.array_equal(found, wanted)
+
+
 def test_a_straight_gradient_in_front_of_the_lens_is_straight_again():
     straightened = warp("FULL_OPENCV")
     target = straightened.undistortion.target
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     seen = target.project(lens("FULL_OPENCV").unproject(np.stack([x.ravel(), y.ravel()], axis=1)))
     values = (0.7 * seen[:, :1] + 20).astype(np.float32).reshape(HEIGHT, WIDTH, 1)
-    found = straightened.colors(values)[..., 0]
+    found = straightened.colors(values, 0, target.height)[..., 0]
     wanted = 0.7 * (np.arange(target.width) + 0.5) + 20
     # Next to the border the colours beyond it, which the kernel looks at, repeat those within.
     assert np.abs(found - wanted)[2:-2, 2:-2].max() < 2e-3

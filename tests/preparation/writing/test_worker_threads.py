@@ -40,7 +40,7 @@ def test_an_error_comes_where_its_result_would_have():
 def test_large_images_are_worked_on_one_at_a_time(monkeypatch):
     monkeypatch.setattr(worker_threads, "free_memory", lambda: 8e9)
     assert workers_for(100_000_000, 8) == 1
-    assert workers_for(12_000_000, 8) == 4
+    assert workers_for(12_000_000, 8) == 6
     assert workers_for(12_000_000, 2) == 2
     monkeypatch.setattr(worker_threads, "free_memory", lambda: 1e9)
-    assert workers_for(12_000_000, 8) == 2
+    assert workers_for(12_000_000, 8) == 3
