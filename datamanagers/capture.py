@@ -21,6 +21,7 @@ from gsfw.core.loop.area import shrink_batch
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
 from gsfw.datamanagers.area import shrink_mask
+from gsfw.datamanagers.color_profile import color_notes
 from gsfw.datamanagers.fitted_map import ImageFit
 from gsfw.datamanagers.frames import USUAL, Recording
 from gsfw.datamanagers.holdout import hold_out
@@ -62,6 +63,7 @@ class Capture(DataManager):
         rule: LensRule = USUAL,
         masks: MaskRule = USUAL_MASKS,
         maps: Sequence[MapFolder] = (),
+        as_stored: bool = False,
     ) -> None:
         """Fit the cameras to their images, hold frames out, find the scene frame.
 
@@ -71,6 +73,7 @@ class Capture(DataManager):
             rule: what becomes of images of distorted lenses.
             masks: which there are, and what they mean.
             maps: folders of per-view maps, besides those that the frames have.
+            as_stored: take the numbers of photos for sRGB, whatever their profiles say.
 
         Raises:
             DataError: an image contradicts its camera, a lens cannot be undistorted, some frames
@@ -80,6 +83,7 @@ class Capture(DataManager):
         for folder in maps:
             recording = folder.add_to(recording)
         self.recording, self._rule, self._masks = recording, rule, masks
+        self._as_stored = as_stored
         frames = sorted(recording.frames, key=lambda frame: frame.name)
         self._frames, self._mask_notes = find_masks(recording, frames, masks)
         self._maps = ViewMaps(recording, self._frames)
@@ -209,6 +213,7 @@ class Capture(DataManager):
             *self.recording.notes,
             *undistortion_notes([warp.undistortion for warp in warps]),
             *self._mask_notes,
+            *color_notes((frame.name, frame.header.unconverted) for frame in self._frames),
             *self._maps.notes(),
             f"{train} views to train on, {held} held out ({how})",
             *self._held_out.notes,
@@ -244,7 +249,8 @@ class Capture(DataManager):
         if frame.shot is not None or small_lens:
             (batch,) = self.load(split, [index], torch.device("cpu"))
             return shrink_batch(batch, width, height)
-        pixels = decode(frame.path, frame.header, (OVERSIZE * width, OVERSIZE * height))
+        least = (OVERSIZE * width, OVERSIZE * height)
+        pixels = decode(frame.path, frame.header, least, self._as_stored)
         inside = self._masks.load(frame)
         if inside is not None:
             inside = shrink_mask(inside, pixels.shape[1], pixels.shape[0])
@@ -289,7 +295,8 @@ class Capture(DataManager):
         if frame.shot is not None:
             image = self._videos.get(index)
         else:
-            image = self._fit(index, decode(frame.path, frame.header))
+            pixels = decode(frame.path, frame.header, as_stored=self._as_stored)
+            image = self._fit(index, pixels)
         inside = self._masks.inside(frame, image)
         scale = self._scene.world_from_scene.inverse().scale
         return replace(image, maps=self._maps.load(index, self._fits[index], inside, scale))

@@ -46,6 +46,9 @@ class CaptureConfig(DataManagerConfig, ABC):
     """Pixels outside masks: ignore (they carry no loss), or empty (they show the background)."""
     invert_masks: bool = False
     """True if masks are dark where pixels count."""
+    colors: str = "srgb"
+    """Colours of photos: srgb (converted to it by their colour profiles), or stored (the numbers
+    of the files, as benchmarks with published figures read them)."""
     maps: tuple[str, ...] = ()
     """Per-view maps (features, labels, depth) for methods: NAME:FOLDER[:RULE[:UNIT]], several with
     commas. RULE: mean, nearest or depth. Files (.npy [h, w, d], images) are named like the images.
@@ -73,7 +76,7 @@ class CaptureConfig(DataManagerConfig, ABC):
             ConfigError: a setting is out of range.
             DataError: the data cannot be used; says where and why.
         """
-        rules = self.lens_rule(), self.mask_rule(), self.map_folders()
+        rules = self.lens_rule(), self.mask_rule(), self.map_folders(), self.as_stored()
         recording = self.recording(data_path(request.path), request.downscale)
         remaining = max(1.0, request.downscale / recording.shrunk)
         return Capture(recording, replace(request, downscale=remaining), *rules)
@@ -92,6 +95,16 @@ class CaptureConfig(DataManagerConfig, ABC):
                 "Give every map a name of its own.",
             )
         return folders
+
+    def as_stored(self) -> bool:
+        """True if photos keep their numbers, whatever their colour profiles say.
+
+        Raises:
+            ConfigError: the setting is neither of its values.
+        """
+        if self.colors not in ("srgb", "stored"):
+            raise ConfigError(f"datamanager.colors={self.colors}: expected srgb or stored.")
+        return self.colors == "stored"
 
     def lens_rule(self) -> LensRule:
         """Treatment of images of distorted lenses.

@@ -28,7 +28,7 @@ from gsfw.datamanagers.area import (
     shrink_values,
     to_values,
 )
-from gsfw.datamanagers.color_profile import in_srgb
+from gsfw.datamanagers.color_profile import in_srgb, profile_of, unconverted
 from gsfw.datamanagers.fitted_map import FittedMap
 from gsfw.datamanagers.warp import Warp
 
@@ -71,6 +71,8 @@ class Header:
     """True if the file has transparency."""
     orientation: int = 1
     """The EXIF orientation that was applied; 1 when there is none."""
+    unconverted: str = ""
+    """The colour space, where it is not sRGB and is not converted; empty otherwise."""
 
     def __str__(self) -> str:
         size = f"{self.width}x{self.height} pixels"
@@ -105,7 +107,7 @@ def read_header(path: Path) -> Header:
         orientation = _orientation(image)
         width, height = image.size if orientation < 5 else image.size[::-1]
         has_alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
-        return Header(width, height, has_alpha, orientation)
+        return Header(width, height, has_alpha, orientation, unconverted(image))
 
 
 def fit_image(
@@ -184,18 +186,19 @@ def load_mask(mask: Path, path: Path, header: Header) -> Bool[np.ndarray, "h w"]
 
 
 def decode(
-    path: Path, header: Header, least: tuple[int, int] | None = None
+    path: Path, header: Header, least: tuple[int, int] | None = None, as_stored: bool = False
 ) -> UInt8[np.ndarray, "h w d"]:
     """The upright image as 8-bit RGB, or RGBA where its header says that it has alpha.
 
     16-bit colours keep their upper 8 bits; grey, palette and CMYK are converted, and colours of an
-    embedded profile become sRGB.
+    embedded profile, or of Adobe RGB by EXIF, become sRGB.
 
     Args:
         path: of the file.
         header: of the image.
         least: width and height that are enough. JPEG decodes to a half, a quarter or an eighth at
             a fraction of the time and memory; other formats have all of their pixels.
+        as_stored: take the numbers of the file for sRGB, whatever its profile says.
 
     Raises:
         DataError: it does not decode.
@@ -206,6 +209,7 @@ def decode(
         image.load()
         height, width = image.height, image.width
         turned = header.orientation >= 5
+        profile = None if as_stored else profile_of(image)
         pixels = np.empty(
             (*((width, height) if turned else (height, width)), 4 if header.has_alpha else 3),
             np.uint8,
@@ -218,20 +222,21 @@ def decode(
             if header.orientation in LAST_ROW_FIRST:
                 rows = slice(height - bottom, height - top)
             pixels[(slice(None), rows) if turned else rows] = _colors(
-                _turned(strip, header.orientation), "RGBA" if header.has_alpha else "RGB"
+                _turned(strip, header.orientation), "RGBA" if header.has_alpha else "RGB", profile
             )
         return pixels
 
 
-def _colors(image: Image.Image, mode: str) -> UInt8[np.ndarray, "h w d"]:
+def _colors(image: Image.Image, mode: str, profile: bytes | None) -> UInt8[np.ndarray, "h w d"]:
     if not image.mode.startswith("I"):
-        return np.asarray(in_srgb(image, mode))
+        return np.asarray(in_srgb(image, mode, profile))
     values = np.asarray(image)
-    grey = (values.clip(0, 65535).astype(np.uint16) >> 8).astype(np.uint8)
-    layers = [grey] * 3
-    if mode == "RGBA":  # One value of a PNG is transparent.
-        layers.append(np.where(values == image.info["transparency"], 0, 255).astype(np.uint8))
-    return np.stack(layers, axis=2)
+    grey = Image.fromarray((values.clip(0, 65535).astype(np.uint16) >> 8).astype(np.uint8))
+    colors = np.asarray(in_srgb(grey, "RGB", profile))
+    if mode == "RGB":
+        return colors
+    alpha = np.where(values == image.info["transparency"], 0, 255)  # One value of a PNG.
+    return np.concatenate([colors, alpha[..., None].astype(np.uint8)], axis=2)
 
 
 def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:

@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.color_profile import HDR
 
-HDR = {16: "PQ", 18: "HLG"}
-"""Transfer characteristics of high dynamic range (ITU-T H.273, table 3)."""
 NO_HDR = (
     "record without HDR (iPhone: Settings > Camera > Record Video > HDR Video), or export it as "
     "SDR (Rec. 709) from a video editor"

@@ -67,7 +67,7 @@ class BlocksConfig(DataManagerConfig):
         recording = _with_fewer_points(recording, self.points)
         remaining = max(1.0, request.downscale / recording.shrunk)
         plain = replace(request, downscale=remaining, eval_names=(), eval_every_nth=0)
-        rules = kind.lens_rule(), kind.mask_rule(), kind.map_folders()
+        rules = kind.lens_rule(), kind.mask_rule(), kind.map_folders(), kind.as_stored()
         return Capture(recording, plain, *rules)
 
     def _source(self, partition: Partition) -> Path:

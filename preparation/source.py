@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.color_profile import color_notes
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.video import is_video
@@ -201,6 +202,7 @@ def notes_on(
     paged = tuple(f"{look.file.name} ({look.pages})" for look in found if look.pages > 1)
     if paged:
         yield f"the first image is used of files that hold several: {listed(paged)}"
+    yield from color_notes((image.name, image.header.unconverted) for image in images)
     yield from _on_small(images)
     if others:
         kinds = tuple(sorted({file.path.suffix.lower() or "no extension" for file in others}))

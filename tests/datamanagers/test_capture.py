@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import pytest
 import torch
+from PIL import Image
+from support.color_profiles import DISPLAY_P3, profile
 from support.small_captures import (
     HEIGHT,
     WIDTH,
@@ -17,7 +19,7 @@ from support.small_captures import (
 )
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.transforms import TransformsConfig
 
@@ -139,3 +141,28 @@ def test_a_single_image_can_be_trained_on(tmp_path):
     scene = build(tmp_path).scene
     assert scene.extent == 1.0
     assert float(scene.points.norm(dim=1).median()) == pytest.approx(1.0)
+
+
+def test_photos_with_a_profile_keep_their_numbers_on_request(folder):
+    path = folder / "images" / ring(6).names[1]
+    Image.new("RGB", (WIDTH, HEIGHT), (200, 50, 40)).save(path, icc_profile=profile(DISPLAY_P3))
+
+    def color(**settings):
+        data = ColmapConfig(**settings).build(request(folder))
+        view = data.views(Split.TRAIN).names.index(path.name)
+        (batch,) = data.load(Split.TRAIN, [view], CPU)
+        small = data.load_small(Split.TRAIN, view, WIDTH // 2, HEIGHT // 2)
+        assert torch.allclose(batch.images[0, 0, 0], small.images[0, 0, 0], atol=0.01)
+        return (255 * batch.images[0, 0, 0]).round().tolist()
+
+    assert color(colors="stored") == [200, 50, 40]
+    assert color()[0] > 210
+    with pytest.raises(ConfigError, match=r"datamanager.colors=raw: expected srgb or stored."):
+        color(colors="raw")
+
+
+def test_images_whose_colours_are_not_converted_are_named(folder):
+    path = folder / "images" / ring(6).names[1]
+    Image.new("RGB", (WIDTH, HEIGHT)).save(path, icc_profile=b"none")
+    (note,) = (note for note in build(folder).notes() if "sRGB" in note)
+    assert note.endswith(f"profile: {path.name}; save them as sRGB in a photo program")
