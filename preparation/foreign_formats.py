@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gsfw.datamanagers.images import EXTENSIONS
+
 
 @dataclass(frozen=True)
 class ForeignFormat:
@@ -24,13 +26,23 @@ HEIC = ForeignFormat(
     "95 IN.HEIC OUT.jpg for each (in Debian's libheif-examples). Windows: open and save them in "
     "Photos. An iPhone takes JPEG with Settings > Camera > Formats > Most Compatible.",
 )
-AVIF = ForeignFormat("AVIF", "Convert them to PNG: ffmpeg -i IN.avif OUT.png for each.")
+AVIF = ForeignFormat("AVIF", "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.")
 RAW = ForeignFormat(
     "camera RAW",
     "Develop all of them with the same settings, and uncropped, to JPEG, PNG or TIFF: with the "
     "camera's own program, or darktable-cli IN OUT.jpg for each.",
 )
-OTHER_IMAGE = "Convert them to PNG: ffmpeg -i IN OUT.png for each."
+CUT_PANORAMA = (
+    "Cut each into views of a pinhole camera, at yaw=0, 60, 120, 180, 240 and 300: ffmpeg -i IN "
+    "-vf v360=e:flat:yaw=0:h_fov=90:v_fov=90:w=1200:h=1200 OUT.jpg; and prepare the folder of "
+    "all views with cameras=one camera_model=SIMPLE_PINHOLE focal=600."
+)
+PANORAMA = ForeignFormat("360-degree panorama (equirectangular)", CUT_PANORAMA)
+TWO_FISHEYES = (
+    "Its images are two circles of fisheye lenses: export panoramas (equirectangular) with the "
+    f"camera's program. {CUT_PANORAMA}"
+)
+OTHER_IMAGE = "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each."
 OTHER_VIDEO = "Convert them to MP4: ffmpeg -i IN OUT.mp4 for each."
 
 RAW_EXTENSIONS = (
@@ -39,6 +51,8 @@ RAW_EXTENSIONS = (
     *(".srw", ".x3f"),
 )
 
+TWO_FISHEYE_EXTENSIONS = (".insp", ".insv")
+"""Extensions of cameras with two lenses; .insp files are JPEG files by content."""
 HEIC_EXTENSIONS = (".heic", ".heif", ".hif")
 
 BY_EXTENSION = {
@@ -51,22 +65,43 @@ BY_EXTENSION = {
     },
     **{
         f".{name.lower()}": ForeignFormat(name, OTHER_VIDEO)
-        for name in ("MTS", "M2TS", "MPG", "WMV", "3GP", "FLV", "INSV")
+        for name in ("MTS", "M2TS", "MPG", "WMV", "3GP", "FLV")
     },
+    **{end: ForeignFormat(end[1:].upper(), TWO_FISHEYES) for end in TWO_FISHEYE_EXTENSIONS},
 }
 
 BRANDS = {
     **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), HEIC),
     **dict.fromkeys((b"avif", b"avis"), AVIF),
+    b"crx ": RAW,
 }
-"""Brands of ISO/IEC 23008-12 and AVIF: phones also send such files under the name of a JPEG."""
+"""Brands of ISO/IEC 23008-12, AVIF and CR3: phones also name such files like a JPEG."""
 
+MISNAMED_VIDEO = ForeignFormat("misnamed video", "Name them .mp4 or .mov to use their frames.")
+SIGNATURES = {
+    b"GIF8": BY_EXTENSION[".gif"],
+    b"\xff\x0a": BY_EXTENSION[".jxl"],
+    b"\0\0\0\x0cJXL ": BY_EXTENSION[".jxl"],
+    b"\0\0\0\x0cjP  ": BY_EXTENSION[".jp2"],
+    b"8BPS": BY_EXTENSION[".psd"],
+    b"v/1\x01": BY_EXTENSION[".exr"],
+    b"#?RADIANCE": BY_EXTENSION[".hdr"],
+    b"P5\n": BY_EXTENSION[".pgm"],
+    b"P6\n": BY_EXTENSION[".ppm"],
+    b"FUJIFILMCCD-": RAW,
+}
+"""First bytes of formats that are not read, under the name of an image."""
 HEAD = 12
-"""Number of bytes at a file's beginning that contain its brand."""
+"""Number of bytes at a file's beginning that tell its format."""
 
 
 def foreign_format(extension: str, head: bytes) -> ForeignFormat | None:
     """The unsupported format of a file, by its first bytes or else its lower-case extension."""
     if head[4:8] == b"ftyp" and head[8:12] in BRANDS:
         return BRANDS[head[8:12]]
-    return BY_EXTENSION.get(extension)
+    if extension not in EXTENSIONS:
+        return BY_EXTENSION.get(extension)
+    if head[4:8] == b"ftyp":
+        return MISNAMED_VIDEO
+    by_content = (kind for start, kind in SIGNATURES.items() if head.startswith(start))
+    return next(by_content, None)

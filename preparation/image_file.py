@@ -15,9 +15,17 @@ from PIL import Image
 from gsfw.core.errors import DataError
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import EXTENSIONS, FORMATS, Header, read_header
-from gsfw.preparation.foreign_formats import HEAD, RAW, RAW_EXTENSIONS, foreign_format
+from gsfw.preparation.foreign_formats import (
+    BY_EXTENSION,
+    HEAD,
+    PANORAMA,
+    RAW_EXTENSIONS,
+    TWO_FISHEYE_EXTENSIONS,
+    foreign_format,
+)
 from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.input_files import InputFile
+from gsfw.preparation.panorama import says_panorama
 
 KNOWN = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 
@@ -55,19 +63,27 @@ def examine(file: InputFile) -> ImageFile | LeftOut | None:
             head = stream.read(HEAD)
     except OSError as error:
         return LeftOut(file.name, f"the file cannot be read ({error.strerror})", "Replace it.")
-    if suffix in RAW_EXTENSIONS:
+    if suffix in (*RAW_EXTENSIONS, *TWO_FISHEYE_EXTENSIONS):
         # RAW files are TIFF files to Pillow, with a thumbnail as the image.
-        return LeftOut(file.name, RAW.reason, RAW.advice)
+        kind = BY_EXTENSION[suffix]
+        return LeftOut(file.name, kind.reason, kind.advice)
     if not head:
         return empty(file) if claims else None
+    return _examined(file, head, claims)
+
+
+def _examined(file: InputFile, head: bytes, claims: bool) -> ImageFile | LeftOut | None:
+    """A file that is neither empty nor of a format that is known by its extension."""
     try:
         header = read_header(file.path)
         content, pages = _content(file)
     except DataError as error:
-        foreign = foreign_format(suffix, head)
+        foreign = foreign_format(file.path.suffix.lower(), head)
         if foreign is not None:
             return LeftOut(file.name, foreign.reason, foreign.advice)
         return LeftOut(file.name, *_why(file, head, error)) if claims else None
+    if says_panorama(file.path, header):
+        return LeftOut(file.name, PANORAMA.reason, PANORAMA.advice)
     return ImageFile(file, header, content, pages)
 
 

@@ -16,6 +16,7 @@ from gsfw.preparation.choices import Choices
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.journal import Document, Journal
+from gsfw.preparation.panorama import panorama_notes
 from gsfw.preparation.preparation_rule import PreparationRule
 from gsfw.preparation.registration import register
 from gsfw.preparation.retrieval import check_vocabulary
@@ -67,6 +68,8 @@ class Preparation:
         if self._rule.matching.vocabulary is not None:
             check_vocabulary(self._rule.matching.vocabulary)
         images = self._images()
+        for note in panorama_notes(images):
+            self._say(f"note: {note}")
         groups = group_cameras(images, self._rule.cameras)
         found = register(images, groups, self._place, self._rule, self._journal, self._choices)
         written = self._write(images, found.mapping)

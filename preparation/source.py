@@ -17,7 +17,15 @@ from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.finding import listed
-from gsfw.preparation.foreign_formats import BRANDS, BY_EXTENSION, HEIC, HEIC_EXTENSIONS, RAW
+from gsfw.preparation.foreign_formats import (
+    BRANDS,
+    BY_EXTENSION,
+    HEIC,
+    HEIC_EXTENSIONS,
+    MISNAMED_VIDEO,
+    PANORAMA,
+    RAW,
+)
 from gsfw.preparation.image_file import (
     KNOWN,
     ImageFile,
@@ -32,7 +40,10 @@ from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
 
 LIVE_CLIP = ".mov"
 """iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
-FOREIGN = {kind.reason: kind.name for kind in (*BY_EXTENSION.values(), *BRANDS.values())}
+FOREIGN = {
+    kind.reason: kind.name
+    for kind in (*BY_EXTENSION.values(), *BRANDS.values(), MISNAMED_VIDEO, PANORAMA)
+}
 """Names of the formats that are not read, by the reason why files of them are left out."""
 SMALL = 0.25
 """Images whose longer edge is a smaller part of the median one may be thumbnails."""

@@ -264,12 +264,12 @@ def _notes(model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task])
     if renamed:
         first = renamed[0]
         yield (
-            f"{len(renamed)} images have another name, which fits their format: "
-            f"{first.image.name} is {first.name}, for one"
+            f"{first.image.name} is named {first.name}, which fits its format"
+            f"{f' ({len(renamed)} images have another name)' if renamed[1:] else ''}"
         )
     turned = sum(_is_turned(task.change) for task in tasks)
     if turned:
-        yield f"{turned} images that only an EXIF tag turned are stored upright"
+        yield f"images that only an EXIF tag turned are stored upright: {turned}"
     if any(task.has_mask for task in tasks):
         yield f"{MASKS}/ marks what lenses did not see"
     lost = model.num_points3D() - moved.num_points3D()

@@ -13,6 +13,7 @@ RAW_ADVICE = (
     "Develop all of them with the same settings, and uncropped, to JPEG, PNG or TIFF: with the "
     "camera's own program, or darktable-cli IN OUT.jpg for each."
 )
+IMAGE_ADVICE = "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each."
 JPEG = b"\xff\xd8\xff\xe0\0\x10JFIF\0\x01\x01\0\0\x01\0\x01\0\0"
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0"
 CUT_OFF = "the image is cut off or damaged: its header is not whole"
@@ -38,14 +39,24 @@ CUT_OFF = "the image is cut off or damaged: its header is not whole"
             "x.avif",
             b"\0\0\0\x18ftypavif1234",
             "AVIF files are not read",
-            "Convert them to PNG: ffmpeg -i IN.avif OUT.png for each.",
+            "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.",
         ),
         ("x.CR2", b"II*\0raw", "camera RAW files are not read", RAW_ADVICE),
         (
             "x.gif",
             b"GIF89a",
             "GIF files are not read",
-            "Convert them to PNG: ffmpeg -i IN OUT.png for each.",
+            "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.",
+        ),
+        ("x.jpg", b"GIF89a", "GIF files are not read", IMAGE_ADVICE),
+        ("x.jpg", b"\xff\x0a12345678", "JXL files are not read", IMAGE_ADVICE),
+        ("x.png", b"\0\0\0\x0cjP  \r\n\x87\n", "JP2 files are not read", IMAGE_ADVICE),
+        ("x.jpg", b"\0\0\0\x18ftypcrx 1234", "camera RAW files are not read", RAW_ADVICE),
+        (
+            "x.jpg",
+            b"\0\0\0\x18ftypisom1234",
+            "misnamed video files are not read",
+            "Name them .mp4 or .mov to use their frames.",
         ),
         (
             "x.mts",

@@ -125,7 +125,7 @@ def test_names_may_have_folders_and_fit_what_is_written(tmp_path):
         with Image.open(item) as image:
             assert image.format == "PNG"
     assert found.notes == (
-        "3 images have another name, which fits their format: left/a.webp is left/a_2.png, for one",
+        "left/a.webp is named left/a_2.png, which fits its format (3 images have another name)",
     )
 
 

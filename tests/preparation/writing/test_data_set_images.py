@@ -91,7 +91,7 @@ def test_turned_images_are_written_upright_without_the_tag(tmp_path, rule):
         assert [layer[1:3] for layer in opened.layer] == [(1, 1)] * 3
         if rule is KEEP:
             assert np.abs(np.asarray(opened).astype(int) - image(1)).max() < 12
-    assert "4 images that only an EXIF tag turned are stored upright" in found.notes
+    assert "images that only an EXIF tag turned are stored upright: 4" in found.notes
     assert loaded(tmp_path / "out").views(Split.TRAIN).names == tuple(names)
 
 
