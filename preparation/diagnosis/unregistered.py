@@ -28,9 +28,14 @@ FEW = 100
 and 233 matches, one of 12 pixels 65 and none."""
 FEW_SHARE = 0.1
 """Part of the usual number of features."""
+FEW_TO_MATCH = 3 * FEW
+"""Features of which a third match in neighbouring photos, and fewer in others."""
+SMALL = 800
+"""Pixels of a longer edge below which photos were probably shrunk: phones take 4,000."""
 MATCHED = 100
 """Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
+TEXTURE = "Include something with texture: step back, or put patterned things there."
 COPIED = 0.6
 """Least part of verified matches among the poorer image's features of two copies: with other
 noise it is 0.9, with nothing but the same caption, a seventh of the height, 0.4."""
@@ -181,7 +186,7 @@ class Inquiry:
                 f"{_percent(quality.contrast / self.usual.quality.contrast)} of the usual "
                 "contrast; "
                 f"{self._count(name)}.",
-                "Include something with texture: step back, or put patterned things there.",
+                TEXTURE,
             )
         return None
 
@@ -214,12 +219,23 @@ class Inquiry:
         return self._because(
             name,
             "few features",
-            f"{_capital(self._count(name))}.",
-            "Include something with texture: step back, or put patterned things there.",
+            f"{_capital(self._count(name))}; at least {self._needed:,.0f} are needed.",
+            self._more_features(name),
         )
 
+    @property
+    def _needed(self) -> float:
+        return max(FEW, FEW_SHARE * self.usual.count)
+
+    def _more_features(self, name: str) -> str:
+        header = self.images.by_name[name].header
+        if max(header.width, header.height) >= SMALL:
+            return TEXTURE
+        size = f"{header.width}x{header.height} pixels"
+        return f"Give the photos at their full size, if {size} is not all of it. {TEXTURE}"
+
     def _has_few(self, report: FeatureReport) -> bool:
-        return report.count < max(FEW, FEW_SHARE * self.usual.count)
+        return report.count < self._needed
 
     def _duplicate(self, name: str) -> Unregistered | None:
         """A copy of another, and nothing but copies shows the same."""
@@ -246,11 +262,14 @@ class Inquiry:
         near = "others"
         if self.placed:
             near = self.graph.bridge(self._place, (name,)).first
+        advice = f"Take photos between {name} and {near}, each overlapping the next by two thirds."
+        if self.features[name].count < FEW_TO_MATCH:
+            advice += f" {self._more_features(name)}"
         return self._because(
             name,
             "few matches",
             f"{_capital(partner)}, where {LEAST} to {JOINED} are needed; {self._count(name)}.",
-            f"Take photos between it and {near}, each overlapping the next by two thirds.",
+            advice,
         )
 
     def _group(self, name: str) -> Unregistered | None:

@@ -31,10 +31,10 @@ def why(
     placed: tuple[str, ...] = PLACED,
     models: tuple[frozenset[str], ...] = (),
     still: float = 0.0,
+    header: Header = Header(1000, 500, False),  # noqa: B008 - it is frozen.
 ) -> Unregistered:
     """Why image x is not placed, beside a usual a, b, c and d."""
     names = ("a", "b", "c", "d", "x")
-    header = Header(1000, 500, False)
     images = ImageSet(tuple(SourceImage(n, Path(n), header, Exif()) for n in names))
     reports = {name: report() for name in names[:-1]} | {"x": other}
     graph = MatchGraph(names, links, still)
@@ -106,8 +106,17 @@ def test_few_matches_name_the_best_partner_and_where_to_take_photos():
         "Its best partner is c with 18 verified matches, where 15 to 30 are needed; 2,000 "
         "features were found where 2,000 are usual."
     )
-    assert found.advice == "Take photos between it and c, each overlapping the next by two thirds."
+    assert found.advice == "Take photos between x and c, each overlapping the next by two thirds."
     assert "It has nothing in common with any image" in why(report()).found
+
+
+def test_few_features_of_small_photos_ask_for_larger_ones():
+    small = Header(400, 300, False)
+    advice = "Give the photos at their full size, if 400x300 pixels is not all of it. Include "
+    assert why(report(60), header=small).advice.startswith(advice)
+    weak = why(report(250), Link("b", "x", 40, 18, 0.1), header=small)
+    assert weak.reason == "few matches"
+    assert f"by two thirds. {advice}" in weak.advice
 
 
 def test_a_group_of_its_own_is_told_with_a_bridge():
@@ -157,6 +166,6 @@ def test_documents_are_plain_data():
     assert why(report(60)).document() == {
         "name": "x",
         "reason": "few features",
-        "found": "60 features were found where 2,000 are usual.",
+        "found": "60 features were found where 2,000 are usual; at least 200 are needed.",
         "advice": "Include something with texture: step back, or put patterned things there.",
     }
