@@ -32,15 +32,32 @@ PLACE_OF_MATRIX = 44
 )
 def test_images_are_mirrored_and_turned_as_the_file_says(tmp_path, matrix, shown):
     plain = write_video(tmp_path / "a.mp4", count=2)
-    content = bytearray(plain.read_bytes())
-    a, b, c, d = (65536 * value for value in matrix)
-    place = content.index(b"tkhd") + PLACE_OF_MATRIX
-    content[place : place + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
-    (tmp_path / "b.mp4").write_bytes(content)
-    video = Video.read(tmp_path / "b.mp4")
+    video = turned(plain, matrix)
     expected = shown(Video.read(plain).image(1))
     assert np.array_equal(video.image(1), expected)
     assert (video.header.height, video.header.width) == expected.shape[:2]
+    assert not video.traits.tilt
+
+
+def test_a_tilt_that_is_no_quarter_turn_is_told(tmp_path):
+    angle = np.radians(70)
+    matrix = (np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle))
+    traits = turned(write_video(tmp_path / "a.mp4", count=2), matrix).traits
+    assert traits.turns % 2 == 1
+    assert traits.tilt in (20, 21)
+    (note,) = traits.notes()
+    assert note.startswith("the video says that its images are tilted by 2")
+
+
+def turned(plain, matrix) -> Video:
+    """A video with another matrix in the header of its track."""
+    content = bytearray(plain.read_bytes())
+    a, b, c, d = (round(65536 * value) for value in matrix)
+    place = content.index(b"tkhd") + PLACE_OF_MATRIX
+    content[place : place + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path = plain.with_name("b.mp4")
+    path.write_bytes(content)
+    return Video.read(path)
 
 
 def stored(path, **settings):
