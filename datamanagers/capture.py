@@ -215,7 +215,7 @@ class Capture(DataManager):
             *self._mask_notes,
             *color_notes((frame.name, frame.header.unconverted) for frame in self._frames),
             *self._maps.notes(),
-            f"{train} views to train on, {held} held out ({how})",
+            f"{train} view{'' if train == 1 else 's'} to train on, {held} held out ({how})",
             *self._held_out.notes,
             *self._videos.notes(),
             *self._loader.notes(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -230,6 +231,21 @@ def no_points() -> tuple[Float64[Tensor, "0 3"], Float[Tensor, "0 3"]]:
     return torch.zeros(0, 3, dtype=torch.float64), torch.zeros(0, 3)
 
 
+def name_key(name: str) -> str:
+    """Equal for names that some disk takes for one.
+
+    Disks of Windows and macOS take A.JPG for a.jpg; that of macOS also é for e with an accent.
+    """
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def _alike(missing: Sequence[str], folder: Path) -> str:
+    """A file whose name some disk takes for that of a missing one; empty if there is none."""
+    keys = {name_key(name) for name in missing}
+    found = (item.relative_to(folder).as_posix() for item in folder.rglob("*"))
+    return next((name for name in found if name_key(name) in keys), "")
+
+
 def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
     """The note on frames whose images are not on disk; none when all are there.
 
@@ -242,6 +258,11 @@ def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple
     encoding, hint = sys.getfilesystemencoding(), ""
     if encoding != "utf-8" and not f"{looked_in}{''.join(missing)}".isascii():
         hint = f" (this locale encodes names as {encoding}; PYTHONUTF8=1 finds those in UTF-8)"
+    elif alike := _alike(missing, looked_in):
+        hint = (
+            f" ({alike} is there, whose name differs in upper and lower case or in the Unicode "
+            "form of its accents: rename such files to the names of the data set)"
+        )
     if len(missing) == total:
         if looked_in.is_dir():
             with readable(looked_in):

@@ -5,7 +5,6 @@ Only its beginning is looked at; whether all of it decodes is known when feature
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -14,6 +13,7 @@ from PIL import Image
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.bounded_file import BoundedFile
+from gsfw.datamanagers.frames import name_key
 from gsfw.datamanagers.images import EXTENSIONS, FORMATS, Header, read_header
 from gsfw.preparation.foreign_formats import (
     BY_EXTENSION,
@@ -134,21 +134,14 @@ def with_right_suffix(name: str, content: str) -> str:
 
 
 def unique_names(names: Iterable[str]) -> list[str]:
-    """The names, with "_2" and so on before the suffix of those that some disk takes for equal.
-
-    Disks of Windows and macOS take A.JPG for a.jpg; that of macOS also é for e with an accent.
-    """
+    """The names, with "_2" and so on before the suffix of those that some disk takes for equal."""
     taken: set[str] = set()
     unique = []
     for name in names:
         path, choice, number = PurePosixPath(name), name, 1
-        while _key(choice) in taken:
+        while name_key(choice) in taken:
             number += 1
             choice = path.with_name(f"{path.stem}_{number}{path.suffix}").as_posix()
-        taken.add(_key(choice))
+        taken.add(name_key(choice))
         unique.append(choice)
     return unique
-
-
-def _key(name: str) -> str:
-    return unicodedata.normalize("NFC", name).casefold()

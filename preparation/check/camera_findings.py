@@ -53,7 +53,7 @@ def _number(survey: Survey) -> Iterator[Finding]:
     viewpoints = survey.viewpoints
     views = int(viewpoints.trained.sum())
     places = _trained_places(survey)
-    what = f"{views} images to train on" + (
+    what = f"{views} image{'' if views == 1 else 's'} to train on" + (
         f" from {len(places)} places" if len(places) < views else ""
     )
     advice = "Take more photos: 50 to 150 around a thing, each overlapping the next by two thirds"

@@ -75,6 +75,15 @@ def test_a_locale_without_utf_8_is_named_beside_images_that_are_missing(tmp_path
         missing_images(["é.png"], 1, tmp_path)
 
 
+def test_a_file_whose_name_another_disk_takes_for_a_missing_one_is_named(tmp_path):
+    accent = "e\N{COMBINING ACUTE ACCENT}.JPG"
+    (tmp_path / accent).write_bytes(b"")
+    (note,) = missing_images(["\xe9.jpg"], 2, tmp_path)
+    assert f"left out: \xe9.jpg ({accent} is there, whose name differs in upper and lower " in note
+    (note,) = missing_images(["other.jpg"], 2, tmp_path)
+    assert note.endswith("other.jpg")
+
+
 def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path, monkeypatch):
     def refuse(path):
         raise PermissionError(13, "Permission denied", str(path))
