@@ -63,7 +63,8 @@ def _one_view(evidence: Evidence) -> Iterator[Finding]:
             f"{evidence.given} images show {views} different view{'s' if views > 1 else ''}: "
             "their features are in the same places.",
             "Depth needs images from different places; more images of one view add nothing.",
-            "Walk around the scene, and take each image from another place.",
+            "Walk around the scene, and take each image from another place. If the object was on a "
+            "turntable, hang a plain cloth behind it, or make the background transparent (PNG).",
             tuple(name for name in evidence.graph.names if name in twins),
         )
 

@@ -202,7 +202,7 @@ def test_three_images_are_placed_and_two_are_too_few(tmp_path, sharp):
 def test_plain_walls_have_few_features(tmp_path):
     diagnosis = prepare(tmp_path, named([wall(seed) for seed in range(4)]))
     assert set(reasons(diagnosis).values()) == {"few features"}
-    assert diagnosis.unregistered[0].found == "0 features were found."
+    assert diagnosis.unregistered[0].found == "0 features were found; at least 100 are needed."
     assert diagnosis.verdict is Verdict.WILL_NOT_TRAIN
 
 
@@ -220,6 +220,7 @@ def test_copies_of_one_image_are_one_view(tmp_path, sharp):
     assert finding.found == (
         "4 images show 1 different view: their features are in the same places."
     )
+    assert "If the object was on a turntable, hang a plain cloth behind it" in finding.advice
 
 
 def test_turning_on_the_spot_gives_no_model_that_counts(tmp_path):
