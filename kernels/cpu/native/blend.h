@@ -148,12 +148,29 @@ GSFW_FUNCTION void load_pixel_weights(const BlendJob<T>& job, const TilePlace& p
 
 template <typename T>
 GSFW_FUNCTION void start_tile(const TilePlace& place, const TileState<T>& state, int channels) {
-  for (int i = 0; i < PIXELS; ++i) state.transmittance[i] = T(0);
-  for (int y = 0; y < place.height; ++y) {
+  const bool whole = place.width == TILE && place.height == TILE;
+  for (int i = 0; i < PIXELS; ++i) state.transmittance[i] = T(whole);
+  for (int y = 0; y < place.height && !whole; ++y) {
     for (int x = 0; x < place.width; ++x) state.transmittance[block_position(x, y)] = T(1);
   }
   for (int i = 0; i < PIXELS; ++i) state.left[i] = T(1);
   for (int i = 0; i < PIXELS * channels; ++i) state.blended[i] = T(0);
+}
+
+/// Ask for the memory of row ``y`` of the tile's pixels while the tile is blended: otherwise the
+/// processor waits for it when they are written.
+template <typename T>
+GSFW_FUNCTION void ask_for_pixels(const BlendJob<T>& job, const TilePlace& place, int y) {
+  if (y >= place.height) return;
+  constexpr int LINE = 64 / sizeof(T);
+  const int64_t first = int64_t(place.y + y) * job.grid.width + place.x;
+  const int64_t last = first + place.width - 1, channels = job.channels;
+  for (int64_t k = first * channels; k < last * channels; k += LINE) {
+    __builtin_prefetch(job.image + k, 1);
+  }
+  __builtin_prefetch(job.image + last * channels, 1);
+  __builtin_prefetch(job.alpha + first, 1);
+  __builtin_prefetch(job.alpha + last, 1);
 }
 
 /// Blend one block with one chunk.
@@ -295,7 +312,9 @@ void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
     load_chunk(job, place, entries, count, entries + count, chunk);
     for (int i = 0; MEASURE && i < count * LANES; ++i) sums[i] = T(0);
     open = false;
+    static_assert(BLOCKS == TILE, "a row of pixels is asked for with each block");
     for (int b = 0; b < BLOCKS; ++b) {
+      if (rendered == 0) ask_for_pixels(job, place, b);
       open |= blend_block<T, CHANNELS, MEASURE>(job, chunk, b, state, sums);
     }
     for (int i = 0; MEASURE && i < count; ++i) {
