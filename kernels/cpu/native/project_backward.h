@@ -67,9 +67,11 @@ struct GradientWriter {
   /// The first ``count`` fields of ``EvenRows`` or ``RaggedRows``; those behind them are 0.
   template <typename Rows>
   GSFW_FUNCTION void write_fields(const Rows& to, int count, Pack<T>* gradient) const {
-    clear(to, ~visible, 0);
-    store_fields(to, visible, 0, count, add, gradient);
-    if (!to.all_end_at(count)) clear(to, visible, count);
+    // All rows, because visibility cannot be predicted, and a branch for each row costs more.
+    const uint32_t all = (1u << rows.count) - 1u;
+    for (int k = 0; k < count; ++k) gradient[k] = keep(seen, gradient[k]);
+    store_fields(to, add ? visible : all, 0, count, add, gradient);
+    if (!to.all_end_at(count)) clear(to, all, count);
   }
 
   /// Zero the fields from ``first`` on of the rows whose bit is set in ``wanted``, unless it adds.
@@ -96,6 +98,10 @@ template <bool RAGGED, typename T>
   const int count = num_coefficients(degree);
   N basis[SH_COEFFICIENTS], by_basis[SH_COEFFICIENTS], sums[3], by_sum[3];
   ShCoefficients<T> coefficients;
+  const SplatGradients<T>& to = job.gradients;
+  if (!RAGGED && to.rest) {
+    ask_for_next<true>(to.rest, splats.count, splats.rest_stride, writer.rows);
+  }
   const Vector3<N> direction = view_direction(mean, center);
   sh_basis(degree, direction, basis);
   load_sh<RAGGED>(splats, writer.rows, writer.visible, degree, coefficients);
@@ -107,7 +113,6 @@ template <bool RAGGED, typename T>
     for (int c = 0; c < 3; ++c) field[c] = basis[k] * by_sum[c];
   }
   // From here on the fields hold the gradient.
-  const SplatGradients<T>& to = job.gradients;
   if (RAGGED || splats.rest) {
     writer.template write<3>(to.colors, coefficients.field);
     if (to.rest) {

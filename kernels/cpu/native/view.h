@@ -178,6 +178,16 @@ GSFW_FUNCTION int degree_of(const SplatArrays<T>& splats, const RowGroup& rows, 
   return degree;
 }
 
+/// Ask for the next group of rows in an array of ``count`` rows while this group is worked on: of
+/// long rows the processor does not read far enough ahead by itself.
+template <bool WRITTEN, typename T>
+GSFW_FUNCTION void ask_for_next(const T* array, int64_t count, int stride, const RowGroup& rows) {
+  constexpr int LINE = 64 / sizeof(T);
+  const RowGroup next = rows_from(rows.first + LANES, count);
+  const T* first = array + next.first * stride;
+  for (int k = 0; k < next.count * stride; k += LINE) __builtin_prefetch(first + k, WRITTEN);
+}
+
 /// The coefficients up to ``degree`` of the rows in ``wanted``.
 template <bool RAGGED, typename T>
 GSFW_FUNCTION void load_sh(const SplatArrays<T>& splats, const RowGroup& rows, uint32_t wanted,
@@ -188,6 +198,7 @@ GSFW_FUNCTION void load_sh(const SplatArrays<T>& splats, const RowGroup& rows, u
     load_fields(colors, wanted, 0, numbers, to.field);
     return;
   }
+  if (!RAGGED) ask_for_next<false>(splats.rest, splats.count, splats.rest_stride, rows);
   const auto rest = rest_rows<RAGGED>(splats, splats.rest, rows);
   load_fields(rest, wanted, 0, numbers - 3, to.field + 3);
   load_rows<3>(splats.colors + rows.first * 3, rows.count, to.field);
