@@ -9,18 +9,19 @@ namespace GSFW_ISA {
 /// Whether none of ``numbers`` [count] is infinite or NaN.
 template <typename T>
 bool all_finite(const T* numbers, int64_t count) {
-  // x - x is 0 for finite x and NaN for others, and NaN stays in a sum.
-  constexpr int CHAINS = 4;
-  Pack<T> sums[CHAINS];
-  for (int k = 0; k < CHAINS; ++k) sums[k] = Pack<T>(T(0));
-  int64_t i = 0;
-  for (; i + CHAINS * LANES <= count; i += CHAINS * LANES) {
-    for (int k = 0; k < CHAINS; ++k) {
-      const Pack<T> x = load(numbers + i + k * LANES);
+  // x - x is 0 for finite x and NaN for others, and NaN stays in a sum. Four runs are read at once,
+  // because the processor reads ahead in each of them.
+  constexpr int RUNS = 4;
+  const int64_t run = count / RUNS / LANES * LANES;
+  Pack<T> sums[RUNS];
+  for (int k = 0; k < RUNS; ++k) sums[k] = Pack<T>(T(0));
+  for (int64_t i = 0; i < run; i += LANES) {
+    for (int k = 0; k < RUNS; ++k) {
+      const Pack<T> x = load(numbers + k * run + i);
       sums[k] = sums[k] + (x - x);
     }
   }
-  for (; i < count; i += LANES) {
+  for (int64_t i = RUNS * run; i < count; i += LANES) {
     const Pack<T> x = load_strided(numbers + i, 1, count - i);
     sums[0] = sums[0] + (x - x);
   }

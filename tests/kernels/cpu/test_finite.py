@@ -16,7 +16,7 @@ def test_one_bad_number_anywhere_is_found(count, dtype, use_threads):
     use_threads(2)
     numbers = torch.randn(count, dtype=dtype)
     assert CpuOperators().all_finite([numbers])
-    for place in {0, count // 2, count - 1}:
+    for place in {*range(0, count, max(count // 64, 1)), count - 1}:
         for bad in (float("nan"), float("inf"), -float("inf")):
             broken = numbers.clone()
             broken[place] = bad
