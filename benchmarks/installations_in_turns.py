@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 from statistics import fmean, median, quantiles
 
@@ -85,7 +86,12 @@ def compare(workload: str, rounds: int, pythons: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 2:
-        serve(Path(sys.argv[1]))
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("workload")
+    parser.add_argument("rounds", type=int, nargs="?", help="left out by the processes measured")
+    parser.add_argument("pythons", nargs="*", metavar="python")
+    given = parser.parse_args()
+    if given.rounds is None:
+        serve(Path(given.workload))
     else:
-        compare(sys.argv[1], int(sys.argv[2]), sys.argv[3:])
+        compare(given.workload, given.rounds, given.pythons)

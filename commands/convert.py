@@ -158,7 +158,7 @@ class _Input:
     """The run or model that it is taken from; ``None`` for a file of splats."""
 
     def view_notes(self) -> list[str]:
-        """A warning if the splats of IN depend on the view."""
+        """Warnings on what files of splats lack of the model of IN."""
         from gsfw.plugins.run_source import RunSource
 
         return [] if self.restored is None else RunSource(self.restored).view_notes()

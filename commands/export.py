@@ -126,6 +126,7 @@ class _Export:
         """Write the content of the format; return the document."""
         from gsfw.core.exchange import Holds
         from gsfw.plugins.run_source import RunSource
+        from gsfw.plugins.snapshot import NOTES
 
         if self.exporter.holds is Holds.MODEL:
             return self._model()
@@ -133,7 +134,8 @@ class _Export:
             return self._surface()
         source = RunSource(self.restored, self.options.time)
         # A cut of a tree stands for the model in all views.
-        view_notes = [] if self.options.budget else source.view_notes()
+        cut = [NOTES["depends_on_view"]] if self.options.budget else []
+        view_notes = [note for note in source.view_notes() if note not in cut]
         for note in view_notes:
             self.console.warn(note)
         if self.exporter.holds is Holds.TRACKS:

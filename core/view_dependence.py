@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import prod
 
 import torch
 from jaxtyping import Float
@@ -12,9 +13,6 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.splats import Sh
-
-TRIED = 4
-"""Width and height of the image on which a model's decoding is tried, in pixels."""
 
 
 @torch.no_grad()
@@ -53,8 +51,9 @@ def decodes_colors(
     splats = model.splats(time, camera)
     if not isinstance(splats.colors, Sh):
         return False
-    values = torch.linspace(0, 1, 3 * TRIED**2, device=camera.world_to_camera.device)
-    color, one = values.reshape(1, TRIED, TRIED, 3), values.new_ones(1, TRIED, TRIED, 1)
+    shape = (1, camera.height, camera.width)  # A decoder may refuse smaller images.
+    values = torch.linspace(0, 1, 3 * prod(shape), device=camera.world_to_camera.device)
+    color, one = values.reshape(*shape, 3), values.new_ones(*shape, 1)
     rendered = RenderOutput(
         color,
         one,
@@ -62,7 +61,7 @@ def decodes_colors(
         depth=one,
         extra=None if splats.extra is None else one * splats.extra.mean(dim=0),
     )
-    return not torch.equal(model.decode(rendered, camera.resized(TRIED, TRIED)).color, color)
+    return not torch.equal(model.decode(rendered, camera).color, color)
 
 
 def lacking_in_files(

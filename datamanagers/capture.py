@@ -207,13 +207,14 @@ class Capture(DataManager):
         """Notes on the reading, the parts left out, and the held-out images."""
         train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
         how = self._views[Split.TRAIN].origin
+        shown = ((frame.name, frame.header.unconverted) for frame in self._frames)
         warps = [fit.warp for fit in self._fits if fit.warp is not None]
         return (
             *notes_on(self.recording.path),
             *self.recording.notes,
             *undistortion_notes([warp.undistortion for warp in warps]),
             *self._mask_notes,
-            *color_notes((frame.name, frame.header.unconverted) for frame in self._frames),
+            *(() if self._as_stored else color_notes(shown)),
             *self._maps.notes(),
             f"{train} view{'' if train == 1 else 's'} to train on, {held} held out ({how})",
             *self._held_out.notes,

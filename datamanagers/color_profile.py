@@ -38,14 +38,14 @@ def profile_of(image: Image.Image) -> bytes | None:
     # Pillow gives whatever a TIFF has under the tag of the profile.
     if isinstance(profile, bytes):
         return profile if _fits(profile, image.mode) else None
-    return adobe_rgb() if image.mode == "RGB" and is_adobe_rgb(image) else None
+    return adobe_rgb() if image.mode in ("RGB", "RGBA") and is_adobe_rgb(image) else None
 
 
 def unconverted(image: Image.Image) -> str:
     """The colour space of an image that is not converted to sRGB; empty where there is none."""
     profile = image.info.get("icc_profile")
     if isinstance(profile, bytes):
-        return "" if _fits(profile, image.mode) else "a damaged or unsuitable colour profile"
+        return "" if _fits(profile, image.mode) else "a colour profile that cannot be applied"
     if image.mode == "CMYK":
         return "CMYK without a colour profile"
     return _unconverted_png(image) if image.format == "PNG" else ""
@@ -60,10 +60,11 @@ def _unconverted_png(image: Image.Image) -> str:
         return ""
     gamma = image.info.get("gamma", 0.5)
     if not GAMMAS[0] < gamma < GAMMAS[1]:
-        return f"a PNG with a gamma of {gamma:g}"
+        return f"a gamma of {gamma:g}"
     found = image.info.get("chromaticity", PRIMARIES)
-    if max(abs(a - b) for a, b in zip(found, PRIMARIES, strict=True)) > LIKE_PRIMARIES:
-        return "a PNG with the primaries of another colour space"
+    # Pillow 11 gives as many numbers as the chunk has.
+    if any(abs(a - b) > LIKE_PRIMARIES for a, b in zip(found, PRIMARIES, strict=False)):
+        return "primaries other than those of sRGB"
     return ""
 
 
@@ -76,8 +77,8 @@ def color_notes(unconverted_colors: Iterable[tuple[str, str]]) -> Iterator[str]:
     for space, names in by_space.items():
         shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         yield (
-            f"colours are not converted to sRGB and may look wrong, as the file has {space}: "
-            f"{shown}; save them as sRGB in a photo program"
+            f"colours of {shown} are not converted to sRGB and may look wrong ({space}): save them "
+            "as sRGB in a photo program"
         )
 
 

@@ -241,9 +241,10 @@ def name_key(name: str) -> str:
 
 def _alike(missing: Sequence[str], folder: Path) -> str:
     """A file whose name some disk takes for that of a missing one; empty if there is none."""
-    keys = {name_key(name) for name in missing}
+    names, keys = set(missing), {name_key(name) for name in missing}
     found = (item.relative_to(folder).as_posix() for item in folder.rglob("*"))
-    return next((name for name in found if name_key(name) in keys), "")
+    # A link to nowhere has the name of the missing image itself.
+    return next((name for name in found if name not in names and name_key(name) in keys), "")
 
 
 def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:

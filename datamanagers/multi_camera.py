@@ -70,7 +70,7 @@ class MultiCameraConfig(CaptureConfig, ABC):
             used = f"{len(chosen)} of {count} times ({chosen[0]} to {chosen[-1]}{step})"
         return f"{used}, {rate:.5g} per second ({source})"
 
-    def of_cameras(
+    def recording_of(
         self,
         cameras: Sequence[StandingCamera],
         folder: Path,

@@ -62,7 +62,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
             for number, (row, (name, path)) in enumerate(zip(table, found.items(), strict=True))
         ]
         notes = [f"{folder / FILE}: {len(cameras)} cameras"]
-        return self.of_cameras(cameras, folder, notes, 1, _points(folder))
+        return self.recording_of(cameras, folder, notes, 1, _points(folder))
 
 
 def _folder(path: Path) -> Path:

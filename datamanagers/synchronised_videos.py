@@ -48,7 +48,7 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         cameras, left_out = self._cameras(read_calibration(file), path, file)
         notes = [f"{file}: {len(cameras)} cameras", *left_out]
         held_out = 1 if len(cameras) >= ENOUGH_TO_HOLD_OUT else 0
-        return self.of_cameras(cameras, path, notes, held_out, self._points(path))
+        return self.recording_of(cameras, path, notes, held_out, self._points(path))
 
     def _calibration_file(self, folder: Path) -> Path:
         if self.calibration:

@@ -318,7 +318,8 @@ def _lack_of_hooks(plugin: ModuleType | object, package: str) -> tuple[str, str]
         return (
             f"the folder {folder}, which has no __init__.py, takes the place of its module "
             f"{module!r}",
-            "Start Python in another folder, or rename this one.",
+            "Start Python in another folder, or rename this one. If it is the package itself, "
+            "write its __init__.py, with the hooks.",
         )
     return f"its module {module!r} has no hook", f"Write one of {', '.join(SPEC_HOOKS)}."
 

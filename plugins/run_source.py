@@ -72,7 +72,7 @@ class RunSource(ExportSource):
         return snapshot(parts.model, parts.data.scene, settings.antialias, instant, self.edit)
 
     def view_notes(self) -> list[str]:
-        """A warning if the splats of a training view differ from those of ``splat_file``."""
+        """Warnings on what ``splat_file`` lacks of the model, as a training view shows it."""
         parts = self.restored.composition.parts
         views = parts.data.views(Split.TRAIN).cameras
         if not views:

@@ -33,9 +33,9 @@ RAW = ForeignFormat(
     "camera's own program, or darktable-cli IN OUT.jpg for each.",
 )
 CUT_PANORAMA = (
-    "Cut each into views of a pinhole camera, at yaw=0, 60, 120, 180, 240 and 300: ffmpeg -i IN "
-    "-vf v360=e:flat:yaw=0:h_fov=90:v_fov=90:w=1200:h=1200 OUT.jpg; and prepare the folder of "
-    "all views with cameras=one camera_model=SIMPLE_PINHOLE focal=600."
+    "Cut each into views of a pinhole camera, at yaw=-120, -60, 0, 60, 120 and 180: ffmpeg -i IN "
+    "-vf v360=e:flat:yaw=0:h_fov=90:v_fov=90:w=1200:h=1200 OUT.jpg (OUT.mp4 for a video); and "
+    "prepare the folder of all views with cameras=one camera_model=SIMPLE_PINHOLE focal=600."
 )
 PANORAMA = ForeignFormat("360-degree panorama (equirectangular)", CUT_PANORAMA)
 TWO_FISHEYES = (

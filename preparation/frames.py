@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from gsfw.datamanagers.frames import name_key
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.video import Video
 from gsfw.preparation.exif import Exif
@@ -55,15 +56,15 @@ def frames_of_videos(
 
 def _names(paths: Sequence[Path], others: Collection[str]) -> list[str]:
     """A folder for each video, named after it; numbered where some disk has such a name already."""
-    taken = {name.casefold() for name in others}
+    taken = {name_key(name) for name in others}
     names: list[str] = []
     for path in paths:
         stem = writable(path.stem).strip(". ") or "video"
         name, number = stem, 1
-        while name.casefold() in taken:
+        while name_key(name) in taken:
             number += 1
             name = f"{stem}_{number}"
-        taken.add(name.casefold())
+        taken.add(name_key(name))
         names.append(name)
     return names
 

@@ -13,6 +13,7 @@ from gsfw.core.files.links import followed
 from gsfw.core.words import suggestion
 from gsfw.datamanagers.camera_sequence import in_order
 from gsfw.datamanagers.detection import VIDEOS
+from gsfw.datamanagers.frames import name_key
 from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.masks import FOLDER as MASKS
 from gsfw.datamanagers.video import is_video
@@ -172,7 +173,7 @@ def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
         name = (whole.parent if whole.name.lower() in IMAGE_FOLDERS else whole).name or "input"
         name = writable(name)
         choice, number = f"{name}/", 1
-        while choice.casefold() in {prefix.casefold() for prefix in prefixes.values()}:
+        while name_key(choice) in {name_key(prefix) for prefix in prefixes.values()}:
             number += 1
             choice = f"{name}_{number}/"
         prefixes[root] = choice

@@ -41,8 +41,11 @@ def or_splats_alone(
     moves = "bytes_per_time" in figures
     if not gone or not folder.splats.is_file() or not figures or moves:
         return found
-    causes = [cause for figure, cause in LACKING.items() if figures.get(figure)]
-    seen = f" It may look different: {', and '.join(causes)}." if causes else ""
+    seen = "".join(
+        f" It may look different: {cause}."
+        for figure, cause in LACKING.items()
+        if figures.get(figure)
+    )
     warn(
         f"{folder.path} was trained on {gone}, which is not there any more. {folder.splats} takes "
         f"its place, without photos, with made-up cameras around it.{seen} If the data set is "

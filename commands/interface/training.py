@@ -146,8 +146,9 @@ def write_splats(trainer: Trainer, console: Console, summary: Mapping[str, Any])
     except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
         return 0
-    for note in (note for figure, note in NOTES.items() if figure in summary):
-        console.warn(f"splats.ply: {note}")
+    for figure, note in NOTES.items():
+        if figure in summary:
+            console.warn(f"splats.ply: {note}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
     return invisible

@@ -104,7 +104,9 @@ class Checkpoints:
         An error of the state, of memory or of the disk would only come again.
         """
         again = isinstance(error, (TrainingError, NotEnoughMemoryError, OutputError))
-        if (again and not isinstance(error, LostProcessError)) or trainer.walk.updates == 0:
+        is_lost = isinstance(error, LostProcessError)
+        is_first = trainer.parts.team.evaluates
+        if (again and not is_lost) or trainer.walk.updates == 0 or not is_first:
             return
         with suppress(Exception):  # The first error is the one to report.
             before = trainer.folder.latest_checkpoint()
@@ -112,9 +114,10 @@ class Checkpoints:
             kept = trainer.folder.latest_checkpoint()
             if kept != before:
                 logger.warning(
-                    "%s has the state after %d steps: once the error below is corrected, gsfw "
-                    "resume %s continues from there",
-                    *(kept, trainer.step, shell_argument(trainer.folder.path)),
+                    "%s has the state after %d steps: %sgsfw resume %s continues from there",
+                    *(kept, trainer.step),
+                    "" if is_lost else "once the error below is corrected, ",
+                    shell_argument(trainer.folder.path),
                 )
 
     def check(self, trainer: Trainer) -> None:

@@ -29,7 +29,7 @@ def final_figures(trainer: Trainer, team: Team) -> dict[str, Any]:
         **({} if walk.updates == trainer.step else {"updates": walk.updates}),
         "skipped_steps": trainer.updates.skipped,
         **_sizes(trainer),
-        **_view_dependence(parts),
+        **_lacking_in_files(parts),
         **team.summary(),
         **parts.corrections.summary(),
         "optimizer_bytes": parts.optimizer.num_bytes(),
@@ -46,7 +46,7 @@ def _sizes(trainer: Trainer) -> dict[str, int | float]:
     return sizes
 
 
-def _view_dependence(parts: TrainingParts) -> dict[str, bool]:
+def _lacking_in_files(parts: TrainingParts) -> dict[str, bool]:
     """Notes that files of splats hold less than the model; empty for most models."""
     camera = parts.data.views(Split.TRAIN).cameras[0].to(parts.device)
     return dict.fromkeys(lacking_in_files(parts.model, camera), True)

@@ -5,6 +5,7 @@ A blurred image has few features, and so few matches, and so no place: it is cal
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,9 +30,9 @@ and 233 matches, one of 12 pixels 65 and none."""
 FEW_SHARE = 0.1
 """Part of the usual number of features."""
 FEW_TO_MATCH = 3 * FEW
-"""Features of which a third match in neighbouring photos, and fewer in others."""
+"""Number of features below which too few matches are likely: at most a third of them match."""
 SMALL = 800
-"""Pixels of a longer edge below which photos were probably shrunk: phones take 4,000."""
+"""Pixels of a longer edge below which photos were probably shrunk: photos of phones have 4,000."""
 MATCHED = 100
 """Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
@@ -219,7 +220,7 @@ class Inquiry:
         return self._because(
             name,
             "few features",
-            f"{_capital(self._count(name))}; at least {self._needed:,.0f} are needed.",
+            f"{_capital(self._count(name))}; at least {math.ceil(self._needed):,} are needed.",
             self._more_features(name),
         )
 

@@ -85,8 +85,8 @@ def _write_files(tasks: Sequence[FrameTask], out: Path, quality: int, jobs: int)
         Bytes written.
     """
     work = partial(_made, maps=MapCache(), quality=quality)
-    largest = max(task.frame.header.width * task.frame.header.height for task in tasks)
-    results = in_order(work, _decoded(tasks), workers_for(largest, jobs))
+    workers = workers_for((task.frame.header for task in tasks), jobs)
+    results = in_order(work, _decoded(tasks), workers)
     size = 0
     with stage("images", len(tasks)) as advance, closing(results):
         for done, files in enumerate(results, 1):

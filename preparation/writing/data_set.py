@@ -187,9 +187,8 @@ def _name(image: Image) -> str:
 def _made(tasks: Sequence[_Task], rule: OutputRule, jobs: int) -> Generator[_Made, None, None]:
     """The output contents in order, made by several threads."""
     maps = MapCache()
-    largest = max(task.image.header.width * task.image.header.height for task in tasks)
     work = partial(_make, maps=maps, quality=rule.jpeg_quality)
-    return in_order(work, tasks, workers_for(largest, jobs))
+    return in_order(work, tasks, workers_for((task.image.header for task in tasks), jobs))
 
 
 def _make(task: _Task, maps: MapCache, quality: int) -> _Made:

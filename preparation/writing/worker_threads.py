@@ -8,20 +8,21 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 from gsfw.core.machine_memory import free_memory
+from gsfw.datamanagers.images import Header
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 MEMORY = 2_000_000_000
 """Bytes that all images that are worked on may take, if there are as many."""
-BYTES_PER_PIXEL = 25
-"""Peak memory of undistorting at 12 megapixels, with the decoded image; 38 with alpha."""
+BYTES_PER_PIXEL = {False: 25, True: 38}
+"""Peak memory of undistorting at 12 megapixels, with the decoded image: without and with alpha."""
 
 
-def workers_for(pixels: int, jobs: int) -> int:
-    """Number of images of ``pixels`` pixels to process at a time, at most ``jobs``."""
-    memory = min(MEMORY, free_memory())
-    return max(1, min(jobs, int(memory // (BYTES_PER_PIXEL * max(pixels, 1)))))
+def workers_for(headers: Iterable[Header], jobs: int) -> int:
+    """Number of images to process at a time, at most ``jobs``; the largest image decides."""
+    sizes = (image.width * image.height * BYTES_PER_PIXEL[image.has_alpha] for image in headers)
+    return max(1, min(jobs, int(min(MEMORY, free_memory()) // max(sizes))))
 
 
 def in_order(

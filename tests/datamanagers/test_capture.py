@@ -165,4 +165,9 @@ def test_images_whose_colours_are_not_converted_are_named(folder):
     path = folder / "images" / ring(6).names[1]
     Image.new("RGB", (WIDTH, HEIGHT)).save(path, icc_profile=b"none")
     (note,) = (note for note in build(folder).notes() if "sRGB" in note)
-    assert note.endswith(f"profile: {path.name}; save them as sRGB in a photo program")
+    assert note == (
+        f"colours of {path.name} are not converted to sRGB and may look wrong (a colour profile "
+        "that cannot be applied): save them as sRGB in a photo program"
+    )
+    stored = ColmapConfig(colors="stored").build(request(folder)).notes()
+    assert not any("sRGB" in note for note in stored)

@@ -91,6 +91,9 @@ def test_adobe_rgb_that_only_exif_names_becomes_srgb(tmp_path, space, index, con
     wanted = srgb_of(COLORS, ADOBE_RGB) if converted else COLORS
     assert np.abs(found - wanted).max() < 2.5
     assert np.array_equal(decode(path, read_header(path), as_stored=True), COLORS)
+    opaque = np.concatenate([COLORS, np.full_like(COLORS[..., :1], 255)], -1)
+    found = decoded(path, opaque, exif=adobe_exif(space, index).tobytes())
+    assert np.abs(found[..., :3] - wanted).max() < 2.5
 
 
 @pytest.mark.parametrize("alpha", [False, True])
@@ -134,7 +137,7 @@ def test_colours_of_a_png_that_are_not_converted_are_named(tmp_path):
     assert png_of_space(path, b"cICP", bytes([9, 16, 0, 1])) == "HDR (PQ)"
     assert png_of_space(path, b"cICP", bytes([1, 1, 0, 1])) == ""
     linear = (100_000).to_bytes(4, "big")
-    assert png_of_space(path, b"gAMA", linear) == "a PNG with a gamma of 1"
+    assert png_of_space(path, b"gAMA", linear) == "a gamma of 1"
     assert png_of_space(path, b"gAMA", (45_455).to_bytes(4, "big")) == ""
     wide = b"".join(
         v.to_bytes(4, "big") for v in (31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)
@@ -145,6 +148,6 @@ def test_colours_of_a_png_that_are_not_converted_are_named(tmp_path):
 
 def test_damaged_profiles_and_inks_without_one_are_named(tmp_path):
     Image.fromarray(COLORS).save(tmp_path / "a.png", icc_profile=b"no profile")
-    assert "damaged" in read_header(tmp_path / "a.png").unconverted
+    assert "cannot be applied" in read_header(tmp_path / "a.png").unconverted
     Image.new("CMYK", (4, 4)).save(tmp_path / "a.jpg")
     assert read_header(tmp_path / "a.jpg").unconverted == "CMYK without a colour profile"

@@ -75,6 +75,12 @@ def test_a_locale_without_utf_8_is_named_beside_images_that_are_missing(tmp_path
         missing_images(["é.png"], 1, tmp_path)
 
 
+def test_a_link_to_nowhere_is_not_a_file_with_another_name(tmp_path):
+    (tmp_path / "a.jpg").symlink_to(tmp_path / "gone.jpg")
+    (note,) = missing_images(["a.jpg"], 2, tmp_path)
+    assert note.endswith("left out: a.jpg")
+
+
 def test_a_file_whose_name_another_disk_takes_for_a_missing_one_is_named(tmp_path):
     accent = "e\N{COMBINING ACUTE ACCENT}.JPG"
     (tmp_path / accent).write_bytes(b"")

@@ -100,3 +100,17 @@ def test_a_warning_says_that_a_model_changes_colours_after_rendering():
     (note,) = view_notes(Brighter(gaussians(5), 1.5), front_camera())
     assert note.startswith("this model changes colours after rendering: a file of splats has ")
     assert view_notes(Brighter(gaussians(5), 1.0), front_camera()) == []
+
+
+class Blurred(ExtraByView):
+    """It needs images of at least six pixels."""
+
+    def decode(self, output, cameras):
+        channels_first = output.color.permute(0, 3, 1, 2)
+        padded = torch.nn.functional.pad(channels_first, (5, 5, 5, 5), mode="reflect")
+        blurred = torch.nn.functional.avg_pool2d(padded, 11, stride=1)
+        return replace(output, color=blurred.permute(0, 2, 3, 1))
+
+
+def test_decoding_is_tried_on_images_of_the_size_of_the_views():
+    assert len(view_notes(Blurred(gaussians(5)), front_camera())) == 1

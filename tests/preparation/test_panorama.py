@@ -1,5 +1,7 @@
 """Panoramas among photos: those that say so, and those that only look like one."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -8,6 +10,7 @@ from support.source_photos import names, photo
 
 from gsfw.datamanagers.images import read_header
 from gsfw.preparation.exif import Exif
+from gsfw.preparation.foreign_formats import CUT_PANORAMA
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.panorama import panorama_notes
 from gsfw.preparation.source import read_source
@@ -39,6 +42,15 @@ def test_a_photo_that_says_it_is_a_panorama_is_left_out(tmp_path):
     assert "v360=e:flat:yaw=0:h_fov=90:v_fov=90:w=1200:h=1200" in panorama_file.advice
     assert fisheyes.reason == "INSP files are not read"
     assert "two circles" in fisheyes.advice
+
+
+def test_ffmpeg_takes_the_filter_of_each_advised_view():
+    av = pytest.importorskip("av")
+    turns = re.findall(r"-?\d+", CUT_PANORAMA.partition(":")[0])
+    assert [int(turn) % 360 for turn in turns] == [240, 300, 0, 60, 120, 180]
+    (options,) = re.findall(r"v360=(\S+)", CUT_PANORAMA)
+    for turn in turns:
+        av.filter.Graph().add("v360", options.replace("yaw=0", f"yaw={turn}"))
 
 
 def test_edges_that_continue_each_other_are_named(tmp_path):

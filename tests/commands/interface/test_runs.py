@@ -73,7 +73,7 @@ def test_a_missing_run_suggests_the_nearest_and_lists_the_newest(tmp_path):
     )
 
 
-def test_a_link_to_a_run_that_is_gone_is_told_as_one(tmp_path):
+def test_a_link_to_a_run_that_is_gone_is_named(tmp_path):
     (tmp_path / "first").symlink_to("gone")
     assert refusal("first").startswith(
         "there is no run first. first is a link to gone, which cannot be reached. Correct the link"

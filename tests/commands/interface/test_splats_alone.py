@@ -61,8 +61,8 @@ def test_the_loss_of_view_dependence_is_told(run):
     _find(str(run), "", warned)
     assert (
         "around it. It may look different: the splats of the model depend on the view, and those "
-        "of the file do not, and the model changes colours after rendering, which the file does "
-        "not hold. If the data set"
+        "of the file do not. It may look different: the model changes colours after rendering, "
+        "which the file does not hold. If the data set"
     ) in warned.said[0]
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.writing import worker_threads
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
 
@@ -37,10 +38,15 @@ def test_an_error_comes_where_its_result_would_have():
         next(results)
 
 
+def header(width: int, height: int, has_alpha: bool = False) -> Header:
+    return Header(width, height, has_alpha, 1)
+
+
 def test_large_images_are_worked_on_one_at_a_time(monkeypatch):
     monkeypatch.setattr(worker_threads, "free_memory", lambda: 8e9)
-    assert workers_for(100_000_000, 8) == 1
-    assert workers_for(12_000_000, 8) == 6
-    assert workers_for(12_000_000, 2) == 2
+    assert workers_for([header(3, 2), header(10_000, 10_000)], 8) == 1
+    assert workers_for([header(4000, 3000)], 8) == 6
+    assert workers_for([header(4000, 3000)], 2) == 2
+    assert workers_for([header(4000, 3000), header(4000, 3000, has_alpha=True)], 8) == 4
     monkeypatch.setattr(worker_threads, "free_memory", lambda: 1e9)
-    assert workers_for(12_000_000, 8) == 3
+    assert workers_for([header(4000, 3000)], 8) == 3
