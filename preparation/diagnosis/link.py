@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from gsfw.preparation.diagnosis.pair_motion import only_turned
 from gsfw.preparation.feature_database import image_numbers
 from gsfw.preparation.image_set import ImageSet
 
 if TYPE_CHECKING:
-    from pycolmap import Database
+    from pycolmap import Database, TwoViewGeometry
 
 LEAST, JOINED = 15, 30
 """Verified matches: COLMAP drops pairs with fewer than the first (``min_num_matches``), and the
@@ -23,10 +24,8 @@ into 11, 5 and 3 by it, and those are the models that COLMAP makes of them."""
 SAME_VIEW = 5e-4
 """Median distance of matches, in longer sides of an image, below which two images show one view:
 half a pixel of 1000, which is about how precisely features are found."""
-TURN, MOVED = 0.01, 0.03
-"""``Link.turn`` of a camera that only turned, for a shift (in longer sides) that is large enough to
-tell: rendered turns have up to 0.0011, and 7 of 191 pairs of fox and plush less than 0.01.
-"""
+MOVED = 0.03
+"""Shift, in longer sides, from which a pair tells a turn from a step sideways."""
 SAMPLED = 200
 """Number of pairs that are searched for matches that stay in place while the view moves."""
 
@@ -45,18 +44,13 @@ class Link:
     """Median distance between the two places of a verified match, in longer sides of an image."""
     flat: bool = False
     """True if a homography explains them: all lie in one plane, or the camera only turned."""
-    turn: float = 1.0
-    """Distance of that homography from one of a camera that only turned; 0 is a pure turn."""
+    is_turn: bool = False
+    """True if the view has moved, and the camera only turned."""
 
     @property
     def joins(self) -> bool:
         """True if that is no chance."""
         return self.verified >= JOINED
-
-    @property
-    def is_turn(self) -> bool:
-        """True if the view has moved, and the camera only turned."""
-        return self.flat and self.turn < TURN and self.shift > MOVED
 
     @property
     def is_still(self) -> bool:
@@ -73,20 +67,36 @@ class FeaturePlaces:
 
     def __init__(self, database: Database, images: ImageSet) -> None:
         self._database, self._numbers = database, image_numbers(images)
-        self._sides = {p.name: max(p.header.width, p.header.height) for p in images.images}
+        self._sizes = {p.name: (p.header.width, p.header.height) for p in images.images}
         self._known: dict[str, Float[np.ndarray, "n 2"]] = {}
 
     def of(self, name: str) -> Float[np.ndarray, "n 2"]:
         """Positions of the features of an image."""
         if name not in self._known:
             keypoints = self._database.read_keypoints(self._numbers[name])
-            self._known[name] = np.asarray(keypoints)[:, :2] / self._sides[name]
+            self._known[name] = np.asarray(keypoints)[:, :2] / max(self._sizes[name])
         return self._known[name]
 
     def shifts(self, first: str, second: str, matches: np.ndarray) -> Float[np.ndarray, " m"]:
         """Distances between the two positions of each match."""
         ours, theirs = self.of(first)[matches[:, 0]], self.of(second)[matches[:, 1]]
         return np.asarray(np.linalg.norm(ours - theirs, axis=1))
+
+    def show_turn(self, first: str, second: str, motion: TwoViewGeometry) -> bool:
+        """True if the verified matches show that the camera turned, and did not move."""
+        ours, theirs = (self._to_pixels(name) for name in (first, second))
+        pairs = motion.inlier_matches
+        return only_turned(
+            self.of(first)[pairs[:, 0]] - ours[:2, 2] / ours[0, 0],
+            self.of(second)[pairs[:, 1]] - theirs[:2, 2] / theirs[0, 0],
+            None if motion.H is None else np.linalg.inv(theirs) @ motion.H @ ours,
+        )
+
+    def _to_pixels(self, name: str) -> Float[np.ndarray, "3 3"]:
+        """From places around the centre of an image, in longer sides, to pixels."""
+        width, height = self._sizes[name]
+        side = max(width, height)
+        return np.array([[side, 0, width / 2], [0, side, height / 2], [0, 0, 1]])
 
     def read_shifts(self, link: Link) -> Float[np.ndarray, " m"]:
         """The same of all matches of a pair, verified or not."""

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from scipy import sparse
 
-from gsfw.preparation.diagnosis.link import FeaturePlaces, Link
+from gsfw.preparation.diagnosis.link import MOVED, FeaturePlaces, Link
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.native import readable_native_errors
 
@@ -97,7 +96,7 @@ class MatchGraph:
                     shift = float(np.median(places.shifts(*ends, motion.inlier_matches)))
                     counts = matches.get(pair, 0), verified[pair]
                     flat = motion.config in flat_kinds
-                    turn = _turn(motion.H) if flat else 1.0
+                    turn = flat and shift > MOVED and places.show_turn(*ends, motion)
                     links.append(Link(*ends, *counts, shift, flat, turn))
                 elif matches.get(pair):
                     links.append(Link(*ends, matches[pair]))
@@ -201,19 +200,6 @@ class MatchGraph:
     @cached_property
     def _numbers(self) -> Mapping[str, int]:
         return {name: index for index, name in enumerate(self.names)}
-
-
-def _turn(homography: Float[np.ndarray, "3 3"] | None) -> float:
-    """Largest logarithm of an eigenvalue's size.
-
-    A camera that turns by R moves pixels by K R K^-1, whatever its calibration K, and the
-    eigenvalues of that are those of R: all of size 1.
-    """
-    scale = 0.0 if homography is None else float(np.cbrt(np.linalg.det(homography)))
-    if homography is None or abs(scale) < 1e-9:
-        return 1.0
-    sizes = np.abs(np.linalg.eigvals(homography / scale))
-    return float(np.abs(np.log(np.maximum(sizes, 1e-9))).max())
 
 
 def _bridge(link: Link, ours: Sequence[str], why: str) -> Bridge:

@@ -353,7 +353,7 @@ def test_distortion_that_no_lens_has_is_told():
 
 
 def test_a_wall_and_a_watermark_are_told():
-    links = tuple(Link(a, b, 90, 80, 0.2, flat=True, turn=0.3) for a, b in ("ab", "bc", "ac"))
+    links = tuple(Link(a, b, 90, 80, 0.2, flat=True) for a, b in ("ab", "bc", "ac"))
     nothing = ImageQuality(0.0, 0.5, 0.2, 0.0)
     features = {name: FeatureReport(500, nothing, 0.0, 1.0) for name in "abc"}
     graph = MatchGraph(tuple("abc"), links, 0.3)

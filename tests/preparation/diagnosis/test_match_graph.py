@@ -75,13 +75,14 @@ def test_links_tell_matches_and_how_far_they_move(tmp_path, places):
 
 def test_a_camera_that_turned_is_told_from_one_that_moved_before_a_wall(tmp_path, places):
     links = []
-    for step in (0.0, 0.2):
-        path = tmp_path / f"{step}.db"
-        seen, homography = turned(places, step)
+    sideways = np.array([[1.0, 0, 90], [0, 1, 0], [0, 0, 1]])
+    motions = (turned(places, 0.0), turned(places, 0.2), (places + np.array([90, 0]), sideways))
+    for number, (seen, homography) in enumerate(motions):
+        path = tmp_path / f"{number}.db"
         write(path, [places, seen], FLAT, homography)
         links += MatchGraph.read(path, images("a", "b")).links
-    assert [link.flat for link in links] == [True, True]
-    assert [link.is_turn for link in links] == [True, False]
+    assert [link.flat for link in links] == [True, True, True]
+    assert [link.is_turn for link in links] == [True, False, False]
 
 
 def test_a_view_that_is_the_same_is_still_and_no_turn(tmp_path, places):

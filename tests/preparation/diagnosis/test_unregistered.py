@@ -147,7 +147,7 @@ def test_copies_are_told_apart_from_images_that_share_a_caption():
 
 
 def test_turning_on_the_spot_is_the_reason_where_no_depth_is_told():
-    found = why(report(), Link("a", "x", 900, 800, 0.2, flat=True, turn=1e-3))
+    found = why(report(), Link("a", "x", 900, 800, 0.2, flat=True, is_turn=True))
     assert found.reason == "matched, but not placed"
     assert found.advice == "Take photos from a step aside."
 
