@@ -19,6 +19,7 @@ from gsfw.preparation.mapping.incremental_mapping import RELAXED, Models, increm
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.observations import Observations
 from gsfw.preparation.match_list import Pair
+from gsfw.preparation.native import same_log
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction, Rigid3d, Sim3d
@@ -254,7 +255,10 @@ def adjusted(
     options.refine_principal_point = principal_point
     options.ceres.solver_options.num_threads = rule.jobs
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    cancellable(lambda token: pycolmap.bundle_adjustment(model, options, cancellation_token=token))
+    with same_log():
+        cancellable(
+            lambda token: pycolmap.bundle_adjustment(model, options, cancellation_token=token)
+        )
     model.update_point_3d_errors()
     return model
 

@@ -8,7 +8,7 @@ import pytest
 from support.matched_captures import MatchedCapture, matched_capture, partial_model
 
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.mapping.merging import bridge_pairs, merge_models
+from gsfw.preparation.mapping.merging import adjusted, bridge_pairs, merge_models
 
 RULE = MappingRule()
 
@@ -48,6 +48,17 @@ def test_a_model_may_join_by_what_another_one_brought(
     models, joined = merged(capture, tmp_path, range(1, 6), range(8, 13), range(5, 9))
     assert (len(models), joined) == (1, 2)
     assert capture.errors(models[0])[0] < 0.1
+
+
+def test_adjusting_a_model_leaves_the_log_of_colmap_where_it_was(
+    capture: MatchedCapture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = partial_model(capture, tmp_path / "parts", range(1, 4))
+    monkeypatch.setattr(pycolmap.logging, "alsologtostderr", False)
+    monkeypatch.setattr(pycolmap.logging, "minloglevel", 2)
+    adjusted(model, RULE)
+    assert not pycolmap.logging.alsologtostderr
+    assert pycolmap.logging.minloglevel == 2
 
 
 def test_models_that_share_nothing_stay_apart(capture: MatchedCapture, tmp_path: Path) -> None:
