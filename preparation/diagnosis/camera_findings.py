@@ -29,6 +29,9 @@ UNLIKE = 1.15
 cent."""
 SURE = 3
 """Images from which a focal length is computed that others can be compared with."""
+PARALLEL = 5.0
+"""Degrees between a view and the mean of all below which all views are parallel: fox and plush have
+40 and more; a rendered straight flight whose focal length came out wrong has 2.9."""
 BENT = 0.5
 """Shift of a corner by distortion, in parts of its radius: phones stay below 0.1, action cameras
 below 0.4."""
@@ -45,6 +48,7 @@ def camera_findings(evidence: Evidence) -> Iterator[Finding]:
     yield from _errors(figures)
     yield from _stretch(figures)
     yield from _tracks(figures)
+    yield from _parallel_views(figures)
     yield from _focal_guesses(figures)
     yield from _focals_of_one_lens(evidence, figures)
     yield from _distortion(figures)
@@ -117,6 +121,23 @@ def _tracks(figures: ModelFigures) -> Iterator[Finding]:
             f"{100 * tracks.share_of_pairs:.0f} % of the points by two only.",
             "Little ties the images to each other, so that poses may drift.",
             "Take photos closer to each other: each should overlap the next by two thirds.",
+        )
+
+
+def _parallel_views(figures: ModelFigures) -> Iterator[Finding]:
+    """Scaling depth and focal length alike leaves such images as they are (Sturm 1997)."""
+    computed = [camera for camera in figures.cameras if camera.focal != camera.first_focal]
+    if computed and figures.baselines.view_spread < PARALLEL:
+        yield Finding(
+            "parallel views",
+            Weight.LIMIT,
+            f"All {figures.registered} views have one direction, within "
+            f"{figures.baselines.view_spread:.1f} degrees, and the focal length was computed from "
+            "them.",
+            "Parallel views do not tell the focal length: it may be wrong, and the scene "
+            "stretched in depth.",
+            "Give the focal length (focal=PIXELS refine_focal=false), or add images that look at "
+            "the same things from the side, such as a second flight with a tilted camera.",
         )
 
 

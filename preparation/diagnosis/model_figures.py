@@ -88,6 +88,8 @@ class BaselineFigures:
     that it sees."""
     degrees: float
     """Median over cameras: angle between its viewing direction and that of this other one."""
+    view_spread: float
+    """Largest angle between a viewing direction and the mean of all, in degrees."""
     cloud_to_spread: float
     """Size of the point cloud (twice the distance of 90 % of the points from their median) over
     twice the spread of the cameras."""
@@ -167,7 +169,7 @@ def _tracks(model: Reconstruction, seen: Observations) -> TrackFigures:
 def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
     images = [model.image(int(number)) for number in seen.image_ids]
     if len(images) < 2:
-        return BaselineFigures(*[float("nan")] * 4)
+        return BaselineFigures(*[float("nan")] * 5)
     centers = np.array([image.projection_center() for image in images])
     views = np.array([image.viewing_direction() for image in images])
     distances, neighbors = _nearest(centers)
@@ -183,8 +185,16 @@ def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
         spread=spread,
         to_depth=_percentile(np.array(ratios), 50),
         degrees=float(np.median(np.degrees(np.arccos(cosines)))),
+        view_spread=_view_spread(views),
         cloud_to_spread=_cloud_radius(seen.positions) / spread if spread else float("nan"),
     )
+
+
+def _view_spread(views: Float64[np.ndarray, "r 3"]) -> float:
+    """Largest angle between a direction and the mean of all, in degrees."""
+    middle = views.mean(axis=0)
+    cosines = views @ middle / max(np.linalg.norm(middle), np.finfo(np.float64).tiny)
+    return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
 
 
 def _nearest(

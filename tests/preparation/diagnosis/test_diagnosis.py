@@ -258,7 +258,7 @@ def figures(**changes: object) -> ModelFigures:
         errors={f"{number}.jpg": 0.7 for number in range(50)},
         seen={f"{number}.jpg": 1200 for number in range(50)},
         tracks=TrackFigures(6.0, 0.2, 15.0, 5.0, 0.0, 0.1),
-        baselines=BaselineFigures(2.0, 0.1, 6.0, 3.0),
+        baselines=BaselineFigures(2.0, 0.1, 6.0, 60.0, 3.0),
         cameras=(camera,),
         stretch=Stretch(0.1, 1.0, 0.5, 1000),
     )
@@ -329,6 +329,19 @@ def test_focal_lengths_are_compared_with_what_was_said():
     assert found_in(figures(cameras=(given,)))[0].kind == "focal length unlike the given one"
     guessed = replace(camera, first_focal=1200.0, focal_origin="")
     assert found_in(figures(cameras=(guessed,))) == []
+
+
+def test_parallel_views_do_not_tell_a_focal_length():
+    usual = figures()
+    flight = replace(usual, baselines=replace(usual.baselines, view_spread=2.9))
+    (finding,) = found_in(flight)
+    assert finding.kind == "parallel views"
+    assert finding.found == (
+        "All 50 views have one direction, within 2.9 degrees, and the focal length was computed "
+        "from them."
+    )
+    given = replace(usual.cameras[0], first_focal=900.0, focal_origin="given")
+    assert found_in(replace(flight, cameras=(given,))) == []
 
 
 def test_one_lens_has_one_focal_length():

@@ -151,6 +151,12 @@ def test_directions_are_compared_with_the_nearest_camera() -> None:
     assert figures.degrees == pytest.approx(8.0)
 
 
+def test_the_spread_of_views_is_measured_from_their_mean() -> None:
+    points = [((1.0, 0.0, 10.0), (1, 2, 3))]
+    figures = ModelFigures.of(reconstruction(ROW, points, turns=(-6.0, 0.0, 6.0))).baselines
+    assert figures.view_spread == pytest.approx(6.0)
+
+
 def test_cameras_are_compared_with_what_was_assumed() -> None:
     group = CameraGroup(1, "SIMPLE_RADIAL", WIDTH, HEIGHT, 500.0, "EXIF", ("1.jpg",))
     model = reconstruction(ROW, [((1, 0, 10), (1, 2, 3))])
