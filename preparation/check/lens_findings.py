@@ -22,6 +22,9 @@ AGAINST_EXIF = 0.25
 crop, and video is cropped by up to a fifth."""
 SQUARE = 0.05
 """Pixels of cameras are square to a per cent; 16:9 squeezed into 4:3 is off by a third."""
+FEWEST = 4
+"""Images without which the shape of pixels and the spread of focal lengths are left to chance;
+``gsfw prepare`` reports the few images themselves."""
 ALIKE = 0.02
 """Part by which that ratio may differ between images that were stretched alike."""
 ONE_CAMERA = (
@@ -68,6 +71,8 @@ def _fields_of_view(survey: Survey) -> Iterator[Finding]:
 
 def _focals(survey: Survey) -> Iterator[Finding]:
     for group in spread_groups(survey):
+        if len(group.views) < FEWEST:
+            continue
         focals = group.side * group.focals[:, 0]
         usual = np.median(focals)
         order = np.argsort(-np.abs(np.log(focals / usual)))
@@ -107,7 +112,7 @@ def _pixels(survey: Survey) -> Iterator[Finding]:
     viewpoints = survey.viewpoints
     ratios = viewpoints.intrinsics[:, 0, 0] / viewpoints.intrinsics[:, 1, 1]
     odd = np.flatnonzero(np.abs(ratios - 1) > SQUARE)
-    if not len(odd):
+    if not len(odd) or len(viewpoints) < FEWEST:
         return
     names = viewpoints.named(odd.tolist())
     low, high = float(ratios[odd].min()), float(ratios[odd].max())

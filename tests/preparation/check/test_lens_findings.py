@@ -9,7 +9,7 @@ from support.small_captures import HEIGHT, WIDTH, write_colmap_cameras
 
 def write_focals(folder, fx, fy=None, exif_focal: float | None = None):
     """A capture with a camera for each image; the EXIF tag has mm on film."""
-    capture = ball()
+    capture = ball(count=len(fx))
     written = write_ball(folder, capture)
     fy = fx if fy is None else fy
     cameras = {
@@ -49,6 +49,14 @@ def test_pixels_of_a_failed_calibration_are_not_called_stretched_images(tmp_path
     assert "each image's otherwise" in odd.found
     assert "calibration" in odd.why
     assert "stretched" not in odd.found + odd.why + odd.advice
+
+
+def test_two_or_three_images_tell_nothing_of_a_lens(tmp_path):
+    for count, told in ((3, False), (4, True)):
+        focals = np.linspace(60.0, 90.0, count)
+        found = write_focals(tmp_path / str(count), focals, 1.5 * focals, 40).findings(1)
+        assert ("pixels not square" in found) is told
+        assert ("focal lengths differ" in found) is told
 
 
 def test_a_focal_length_far_from_exif_is_a_note(tmp_path):
