@@ -386,3 +386,15 @@ def test_files_that_need_nothing_to_be_done_are_a_note():
     assert finding.weight is Weight.NOTE
     assert finding.found == ("1 of 2 files are not used: a.jpg: it is the same file as b.jpg.")
     assert finding.advice == "Nothing needs to be done."
+
+
+def test_each_remedy_names_the_files_that_it_is_for():
+    left_out = (
+        LeftOut("a.heic", "HEIC files are not read", "Convert them."),
+        LeftOut("b.jpg", "the file is empty (0 bytes)", "Copy it again from the camera."),
+        LeftOut("c.heic", "HEIC files are not read", "Convert them."),
+        LeftOut("d.jpg", "it is the same file as b.jpg"),
+    )
+    evidence = Evidence(ImageSet((), left_out), (), {}, MatchGraph(("e.jpg",), ()), (), None)
+    (finding,) = registration_findings(replace(evidence, models=(frozenset({"e.jpg"}),)))
+    assert finding.advice == ("a.heic, c.heic: Convert them. b.jpg: Copy it again from the camera.")
