@@ -40,6 +40,12 @@ TEXTURE = "Include something with texture: step back, or put patterned things th
 COPIED = 0.6
 """Least part of verified matches among the poorer image's features of two copies: with other
 noise it is 0.9, with nothing but the same caption, a seventh of the height, 0.4."""
+MANY_COPIED = 0.5
+"""Part of the images that are copies of others, beyond which all of a capture shows one view."""
+APART = (
+    "Take each image from another place. If the object was on a turntable, hang a plain cloth "
+    "behind it, or make the background transparent (PNG)."
+)
 MANY_TURNED = 0.5
 """Part of the links that say that the camera only turned."""
 
@@ -53,6 +59,7 @@ Reason = Literal[
     "motion blur",
     "blurred",
     "duplicate",
+    "one view",
     "few matches",
     "matched only within its group",
     "matched, but not placed",
@@ -245,18 +252,33 @@ class Inquiry:
         if not copies or (len(copies) < len(links) and copies[0].other(name) not in self.placed):
             return None
         other = copies[0].other(name)
+        matches = f"their {copies[0].verified} verified matches do not move."
+        if self._shows_one_view:
+            found = f"Most of it is in the same places as in {other}: {matches}"
+            return self._because(name, "one view", found, APART)
         return self._because(
             name,
             "duplicate",
-            f"It shows {other} once more: their {copies[0].verified} verified matches do not move.",
+            f"It shows {other} once more: {matches}",
             "Leave it out; photos have to be taken from different places.",
         )
+
+    @cached_property
+    def _shows_one_view(self) -> bool:
+        """True if nothing is placed, and most images are copies, or had one background."""
+        copied = {
+            name
+            for link in self.graph.links
+            if link.joins and is_copy(link, self.features)
+            for name in (link.first, link.second)
+        }
+        return not self.placed and len(copied) > MANY_COPIED * len(self.graph.names)
 
     def _matches(self, name: str) -> Unregistered | None:
         best = self.graph.best(name)
         if best is not None and best.joins:
             return None
-        partner = "it has nothing in common with any image"
+        partner = "it has no match with any image"
         if best is not None:
             what = f"{best.verified} verified matches" if best.verified else "no verified match"
             partner = f"its best partner is {best.other(name)} with {what}"

@@ -11,7 +11,7 @@ from gsfw.preparation.blur import all_blurred, motion_findings
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
-from gsfw.preparation.diagnosis.unregistered import is_copy
+from gsfw.preparation.diagnosis.unregistered import APART, is_copy
 from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import SOFT
 
@@ -63,8 +63,7 @@ def _one_view(evidence: Evidence) -> Iterator[Finding]:
             f"{evidence.given} images show {views} different view{'s' if views > 1 else ''}: "
             "their features are in the same places.",
             "Depth needs images from different places; more images of one view add nothing.",
-            "Walk around the scene, and take each image from another place. If the object was on a "
-            "turntable, hang a plain cloth behind it, or make the background transparent (PNG).",
+            f"Walk around the scene. {APART}",
             tuple(name for name in evidence.graph.names if name in twins),
         )
 

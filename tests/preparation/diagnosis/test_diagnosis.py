@@ -214,7 +214,7 @@ def test_black_and_white_images_were_exposed_wrongly(tmp_path, sharp):
 
 def test_copies_of_one_image_are_one_view(tmp_path, sharp):
     diagnosis = prepare(tmp_path, named([noisy(sharp[0], seed) for seed in range(4)]))
-    assert set(reasons(diagnosis).values()) == {"duplicate"}
+    assert set(reasons(diagnosis).values()) == {"one view"}
     finding = next(one for one in diagnosis.findings if one.kind == "one view")
     assert finding.weight is Weight.STOP
     assert finding.found == (

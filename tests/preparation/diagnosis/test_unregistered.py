@@ -107,7 +107,7 @@ def test_few_matches_name_the_best_partner_and_where_to_take_photos():
         "features were found where 2,000 are usual."
     )
     assert found.advice == "Take photos between x and c, each overlapping the next by two thirds."
-    assert "It has nothing in common with any image" in why(report()).found
+    assert "It has no match with any image" in why(report()).found
 
 
 def test_few_features_of_small_photos_ask_for_larger_ones():
@@ -144,6 +144,18 @@ def test_copies_are_told_apart_from_images_that_share_a_caption():
     found = why(report(), Link("a", "x", 900, 800, 1e-4), still=0.4)
     assert found.reason == "matched, but not placed"
     assert found.advice == "Crop or mask what is in the same place in all images."
+
+
+def test_images_of_a_turntable_before_one_background_are_not_called_duplicates():
+    still = [Link("a", other, 1900, 1800, 1e-4) for other in "bcdx"]
+    found = why(report(), *still, placed=())
+    assert found.reason == "one view"
+    assert found.found == (
+        "Most of it is in the same places as in a: their 1800 verified matches do not move."
+    )
+    assert "turntable" in found.advice
+    assert "Leave it out" not in found.advice
+    assert why(report(), still[-1], placed=()).reason == "duplicate"
 
 
 def test_turning_on_the_spot_is_the_reason_where_no_depth_is_told():
