@@ -7,7 +7,7 @@ SSIM in one native call.
 """
 
 from gsfw.core.column import Column, Layout, Rows
-from gsfw.core.context import StepContext
+from gsfw.core.context import StepContext, ViewContext
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.maths.ssim import masked_mean, ssim
 from gsfw.core.method import Method
@@ -38,6 +38,7 @@ __all__ = [
     "Scene",
     "SplatTable",
     "StepContext",
+    "ViewContext",
     "masked_mean",
     "ssim",
 ]

@@ -1,4 +1,4 @@
-"""StepContext: one rendered batch of a step, for losses, regularizers and refiners."""
+"""Contexts: a rendered batch of a step, for losses and refiners, and a rendered view."""
 
 from __future__ import annotations
 
@@ -50,3 +50,15 @@ class StepContext:
     """Sums a weight per pixel, such as the error, over the contributions of each rendered splat
     (``Rasterizer.contributions``). To be called before the optimizer step, which moves the splats:
     in ``losses``, ``regularizers`` or ``before_backward``."""
+
+
+@dataclass(frozen=True)
+class ViewContext:
+    """One rendered view, for the metrics and images of a method; without gradients."""
+
+    batch: Batch
+    """The view's image, with its camera and maps; ``c`` is 1."""
+    rendered: RenderOutput
+    """Decoded image (``PrimitiveModel.decode``), over the background of the run."""
+    target: Float[Tensor, "1 h w 3"]
+    """The image over the same background: what ``rendered.color`` is compared with."""

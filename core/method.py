@@ -10,14 +10,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.batch import Batch
-from gsfw.core.context import StepContext
+from gsfw.core.context import StepContext, ViewContext
 from gsfw.core.datamanager import Views
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.refiner import Refiner
-from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
@@ -127,13 +125,11 @@ class Method(ABC):
         """
         return None
 
-    def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
+    def view_metrics(self, context: ViewContext) -> Mapping[str, float]:
         """The method's own metrics of one held-out view, by name, such as a depth error."""
         return {}
 
-    def view_images(
-        self, batch: Batch, rendered: RenderOutput
-    ) -> Mapping[str, Float[Tensor, "h w 3"]]:
+    def view_images(self, context: ViewContext) -> Mapping[str, Float[Tensor, "h w 3"]]:
         """The method's own images of one view in [0, 1], by name, for TensorBoard and render."""
         return {}
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.context import ViewContext
 from gsfw.core.datamanager import Split, spread
-from gsfw.core.loop.evaluation import render_model
+from gsfw.core.loop.evaluation import own_images, render_model
 from gsfw.core.maths.camera_path import gathered, up_direction, viewing_center
 from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.frame_folder import FrameFolder, cameras_digest, model_digest
@@ -132,18 +133,19 @@ class FrameRenderer:
         parts, settings = self.composition.parts, self.composition.plan.settings
         assert settings.background is not None
         (batch,) = parts.data.load(split, [index], parts.device)
+        target = batch.target(settings.background)
         shot = Shot(
             parts.model,
             parts.rasterizer,
             batch.cameras,
             settings,
             batch.time,
-            batch.target(settings.background)[0],
+            target[0],
             None if batch.valid is None else batch.valid[0],
         )
         images = render_channels(self.rule.style.channels, shot)
         output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
-        return images, dict(parts.method.view_images(batch, output))
+        return images, dict(own_images(parts.method, ViewContext(batch, output, target)))
 
     def write(self, file: Path, images: Sequence[Tensor], scales: Scales) -> Path:
         """Write a frame."""

@@ -11,9 +11,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.batch import Batch
 from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
+from gsfw.core.context import ViewContext
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.device import wait_for
@@ -154,19 +154,24 @@ def evaluate(
         durations.append(1e3 * (time.perf_counter() - started))
         # Not before the render, whose time would include that of the threads.
         data.prefetch(split, order[place + 1 : place + 2])
-        target = batch.target(settings.background)[0]
-        per_view[index] = comparison.compare(index, batch, target, output)
+        context = ViewContext(batch, output, batch.target(settings.background))
+        per_view[index] = comparison.compare(index, context)
         if on_view is not None:
-            images = {} if method is None else _own_images(method, batch, output)
-            shown = output.color[0]
+            images = {} if method is None else own_images(method, context)
+            target, shown = context.target[0], output.color[0]
             on_view(EvaluatedView(views.names[index], per_view[index], target, shown, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
     return comparison.evaluation(views.names, per_view, middle)
 
 
-def _own_images(method: Method, batch: Batch, output: RenderOutput) -> Mapping[str, Tensor]:
+def own_images(method: Method, context: ViewContext) -> Mapping[str, Float[Tensor, "h w 3"]]:
+    """The method's own images of a view, by name.
+
+    Raises:
+        ConfigError: they are of another kind or shape; names the method and what it returned.
+    """
     source = f"{method.registered_as or type(method).__name__}: view_images"
-    return checked_images(source, method.view_images(batch, output))
+    return checked_images(source, method.view_images(context))
 
 
 class _Comparison:
@@ -183,11 +188,10 @@ class _Comparison:
         self._baselines, self._method = baselines, method
         self._one_color = 0
 
-    def compare(
-        self, index: int, batch: Batch, target: Float[Tensor, "h w 3"], output: RenderOutput
-    ) -> dict[str, float]:
+    def compare(self, index: int, context: ViewContext) -> dict[str, float]:
         """Figures of one view."""
-        image, valid = output.color[0], None if batch.valid is None else batch.valid[0]
+        image, target = context.rendered.color[0], context.target[0]
+        valid = None if context.batch.valid is None else context.batch.valid[0]
         figures = {name: metric(image, target, valid) for name, metric in self._metrics.items()}
         moving = None if self._watch is None else self._watch.moving(index)
         if self._watch is not None:
@@ -196,13 +200,13 @@ class _Comparison:
             counted = moving if moving is None or valid is None else moving & valid
             self._baselines.compare(index, target, valid, counted)
         self._one_color += is_one_color(image, target, valid)
-        return figures | self._own_figures(batch, output)
+        return figures | self._own_figures(context)
 
-    def _own_figures(self, batch: Batch, output: RenderOutput) -> dict[str, float]:
+    def _own_figures(self, context: ViewContext) -> dict[str, float]:
         if self._method is None:
             return {}
         source = f"{self._method.registered_as or type(self._method).__name__}: view_metrics"
-        return checked_figures(source, self._method.view_metrics(batch, output))
+        return checked_figures(source, self._method.view_metrics(context))
 
     def evaluation(
         self, names: Sequence[str], per_view: Mapping[int, Mapping[str, float]], render_ms: float

@@ -49,14 +49,13 @@ class Bright(StaticGaussiansMethod):
         return {"brightness": Column(brightness, LearningRate(0.01))}
 
     def losses(self, context):
-        error = brightness_error(context.batch, context.rendered)
-        return {**super().losses(context), "brightness": 0.1 * error}
+        return {**super().losses(context), "brightness": 0.1 * brightness_error(context)}
 
-    def view_metrics(self, batch, rendered):
-        return {"brightness_error": float(brightness_error(batch, rendered))}
+    def view_metrics(self, context):
+        return {"brightness_error": float(brightness_error(context))}
 
 
-def brightness_error(batch, rendered):
+def brightness_error(context):
     """Mean error over black: extra channels are rendered over 0."""
-    wanted = batch.target(batch.images.new_zeros(3)).mean(dim=-1, keepdim=True)
-    return (rendered.extra - wanted).abs().mean()
+    wanted = context.batch.target(context.target.new_zeros(3)).mean(dim=-1, keepdim=True)
+    return (context.rendered.extra - wanted).abs().mean()

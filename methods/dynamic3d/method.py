@@ -21,8 +21,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.batch import SEGMENTATION, Batch
-from gsfw.core.context import StepContext
+from gsfw.core.batch import SEGMENTATION
+from gsfw.core.context import StepContext, ViewContext
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
@@ -30,7 +30,6 @@ from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.recordable import graph_key
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
-from gsfw.core.render_output import RenderOutput
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.methods.dynamic3d.model import Regularization, TrackedGaussians
@@ -111,19 +110,18 @@ class TrackedGaussiansMethod(MovingMethod):
             losses["segmentation"] = self.config.segmentation_weight * masks
         return losses
 
-    def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
+    def view_metrics(self, context: ViewContext) -> Mapping[str, float]:
         """Agreement of the rendered segmentation with the mask."""
-        if not self._has_masks or SEGMENTATION not in batch.maps:
+        if not self._has_masks or SEGMENTATION not in context.batch.maps:
             return {}
-        return {"segmentation_iou": intersection_over_union(batch, rendered)}
+        return {"segmentation_iou": intersection_over_union(context.batch, context.rendered)}
 
-    def view_images(
-        self, batch: Batch, rendered: RenderOutput
-    ) -> Mapping[str, Float[Tensor, "h w 3"]]:
+    def view_images(self, context: ViewContext) -> Mapping[str, Float[Tensor, "h w 3"]]:
         """The rendered segmentation in grey."""
-        if rendered.extra is None:
+        extra = context.rendered.extra
+        if extra is None:
             return {}
-        return {SEGMENTATION: rendered.extra[0].clamp(0.0, 1.0).expand(-1, -1, 3)}
+        return {SEGMENTATION: extra[0].clamp(0.0, 1.0).expand(-1, -1, 3)}
 
     def build_model(
         self,

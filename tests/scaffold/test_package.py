@@ -12,6 +12,7 @@ import torch
 from support.scenes import front_camera
 
 from gsfw.core.batch import Batch
+from gsfw.core.context import ViewContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.plugins.registry import SLOTS
@@ -73,7 +74,8 @@ def test_what_is_transparent_has_no_brightness(like, monkeypatch):
     batch = Batch(torch.ones(1, 4, 4, 3), front_camera().resized(4, 4), (0,), alpha=nothing)
     statistics = RenderStatistics.zeros(torch.zeros(1, 3), 1, frozenset())
     rendered = RenderOutput(torch.ones(1, 4, 4, 3), nothing, statistics, extra=nothing)
-    assert written._error(rendered, batch).max() == 0
+    context = ViewContext(batch, rendered, batch.images)
+    assert written._error(context).max() == 0
 
 
 def test_linters_have_nothing_to_say(tmp_path):

@@ -99,12 +99,13 @@ class SurfelsMethod(StaticGaussiansMethod):
             losses["normals"] = config.normal_weight * (alpha * (1 - agreement)).mean()
         return losses
 
-    def view_metrics(self, batch, rendered):
+    def view_metrics(self, context):
         """Mean angles in degrees of blended normals to those of the depth.
 
         Where the data has depth maps: to the normals of these, and the mean error of depth in the
         unit of the data.
         """
+        batch, rendered = context.batch, context.rendered
         surface = Surface(rendered, batch.cameras)
         inner = (slice(1, -1), slice(1, -1))
         solid = surface.alpha[inner][..., 0] > SOLID
@@ -120,9 +121,9 @@ class SurfelsMethod(StaticGaussiansMethod):
             found["depth_error"] = float(both.mean(error)) * self.unit
         return found
 
-    def view_images(self, batch, rendered):
+    def view_images(self, context):
         """Blended normals, and those of the depth: red right, green up, blue to the camera."""
-        surface = Surface(rendered, batch.cameras)
+        surface = Surface(context.rendered, context.batch.cameras)
         of_depth = torch.nn.functional.pad(surface.depth_normals(), (0, 0, 1, 1, 1, 1))
         axes = surface.normals.new_tensor([1.0, -1.0, -1.0])
         return {

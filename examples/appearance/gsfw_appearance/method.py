@@ -85,8 +85,9 @@ class AppearanceMethod(StaticGaussiansMethod):
             "center": self.config.center_weight * center,
         }
 
-    def view_metrics(self, batch, rendered):
+    def view_metrics(self, context):
         """PSNR after the affine map of colours that fits best: held-out photos have a look too."""
+        batch, rendered = context.batch, context.rendered
         known = [batch.valid, None if batch.coverage is None else batch.coverage > OPAQUE]
         where = torch.ones_like(rendered.alpha, dtype=torch.bool)
         for part in known:

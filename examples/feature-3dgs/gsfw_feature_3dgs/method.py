@@ -142,8 +142,9 @@ class FeatureMethod(StaticGaussiansMethod):
             term = (found - self.trained(batch)).abs().mean()
         return {**super().losses(context), "features": self.config.feature_weight * term}
 
-    def view_metrics(self, batch, rendered):
+    def view_metrics(self, context):
         """Mean cosine similarity of rendered features and those of the maps, where opaque."""
+        batch, rendered = context.batch, context.rendered
         found = self.model.decoded(rendered.extra)
         similar = cosine_similarity(found, self.wanted(batch), dim=-1)
         weights = rendered.alpha[..., 0]
@@ -151,12 +152,12 @@ class FeatureMethod(StaticGaussiansMethod):
             weights = weights * batch.maps[MAP].known[..., 0]
         return {"feature_cosine": float((similar * weights).sum() / weights.sum().clamp_min(1e-6))}
 
-    def view_images(self, batch, rendered):
+    def view_images(self, context):
         """The first three principal components of the features, and the heat map of the query."""
-        found = {"features": principal_colors(self.model, rendered)}
+        found = {"features": principal_colors(self.model, context.rendered)}
         if self.config.query:
             vector = self.extractor.words(self.config.query)
-            found["query"] = heat(self.relevance(rendered, vector))
+            found["query"] = heat(self.relevance(context.rendered, vector))
         return found
 
     def relevance(self, rendered, vector):

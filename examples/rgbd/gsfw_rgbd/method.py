@@ -64,18 +64,18 @@ class DepthMethod(StaticGaussiansMethod):
         term = measured.mean(flatness(context.target) * error.log1p())
         return {**losses, "depth": weight * term}
 
-    def view_metrics(self, batch, rendered):
+    def view_metrics(self, context):
         """Mean absolute error of depth in the data's unit, where both depths are known."""
-        measured = batch.maps.get(MAP)
+        measured, rendered = context.batch.maps.get(MAP), context.rendered
         if measured is None or rendered.depth is None:
             return {}
         both = replace(measured, known=measured.known & (rendered.alpha > SOLID))
         error = both.mean((rendered.depth - measured.values).abs())
         return {"depth_error": float(error) * self.unit}
 
-    def view_images(self, batch, rendered):
+    def view_images(self, context):
         """Measured and rendered depth, near is bright; black where unknown."""
-        measured = batch.maps.get(MAP)
+        measured, rendered = context.batch.maps.get(MAP), context.rendered
         if measured is None or rendered.depth is None:
             return {}
         depth, known = measured.values[0], measured.known[0]

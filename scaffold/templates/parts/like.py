@@ -10,20 +10,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from gsfw.api import (
-    Batch,
     Cameras,
     Column,
     Feature,
     LearningRate,
     Method,
     Needs,
-    RenderOutput,
     Scene,
     Splats,
     StaticGaussians,
     StaticGaussiansConfig,
     StaticGaussiansMethod,
     StepContext,
+    ViewContext,
     masked_mean,
     number,
 )
@@ -70,18 +69,19 @@ class MyPart(StaticGaussiansMethod):
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """The losses of 3dgs, and the mean error of the brightness."""
-        error = _error(context.rendered, context.batch)
+        error = _error(context)
         term = self.config.brightness_weight * masked_mean(error, context.batch.valid)
         return {**super().losses(context), "brightness": term}
 
-    def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
+    def view_metrics(self, context: ViewContext) -> Mapping[str, float]:
         """The mean error of the brightness in a held-out view."""
-        error = masked_mean(_error(rendered, batch), batch.valid)
+        error = masked_mean(_error(context), context.batch.valid)
         return {"brightness_error": float(error)}
 
 
-def _error(rendered: RenderOutput, batch: Batch) -> Tensor:
+def _error(context: StepContext | ViewContext) -> Tensor:
     """Absolute error of the brightness over black, as extra channels are rendered, [c, h, w, 1]."""
-    assert rendered.extra is not None  # By ``splats``.
-    wanted = batch.target(batch.images.new_zeros(3)).mean(dim=3, keepdim=True)
-    return (rendered.extra - wanted).abs()
+    assert context.rendered.extra is not None  # By ``splats``.
+    black = context.target.new_zeros(3)
+    wanted = context.batch.target(black).mean(dim=3, keepdim=True)
+    return (context.rendered.extra - wanted).abs()

@@ -1,5 +1,7 @@
 """Evaluation: figures of all pixels, and of data with times also of what moves."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from support.fast_rasterizer import fast_rasterizer
@@ -15,6 +17,7 @@ from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.moving_region import UNKNOWN
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.samplers.uniform import UniformSampler
 
 CPU = torch.device("cpu")
@@ -56,6 +59,28 @@ def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
         "psnr": 100.0, "ssim": 1.0, "moving_psnr": 100.0, "moving_ssim": 1.0,
         "flicker_static": 0.0, "flicker_moving": 0.0,
     }  # fmt: skip
+
+
+def test_a_method_gets_the_image_over_the_background_of_its_render():
+    class Translucent(MovingImages):
+        def load(self, split, indices, device):
+            for batch in super().load(split, indices, device):
+                yield replace(batch, alpha=torch.full_like(batch.images[..., :1], 0.25))
+
+    class Measured(StaticGaussiansMethod):
+        def view_metrics(self, context):
+            return {"own": psnr(context.rendered.color[0], context.target[0])}
+
+        def view_images(self, context):
+            return {"target": context.target[0]}
+
+    method, shown = Measured(StaticGaussiansConfig()), []
+    parts = parts_of(Translucent([(0.0, 3.0)]), two_balls(), {"psnr": Psnr()})
+    (figures,) = evaluate(parts, WHITE, on_view=shown.append, method=method).per_view
+    assert figures["own"] == figures["psnr"]
+    (view,) = shown
+    assert torch.equal(view.images["target"], view.target)
+    assert view.target.min() >= 0.75
 
 
 def test_a_model_that_stands_still_fails_where_something_moves():

@@ -170,7 +170,7 @@ def test_losses_of_a_wrong_form_are_named_in_the_first_step(tmp_path, change, me
 
 def test_view_metrics_that_are_no_mapping_are_named(tmp_path):
     class Wrong(StaticGaussiansMethod):
-        def view_metrics(self, batch, rendered):
+        def view_metrics(self, context):
             return 3
 
     run = trainer(tmp_path, "none", Recorder(), steps=1)
@@ -222,11 +222,11 @@ def test_a_method_may_change_render_settings_and_render_pseudo_views(tmp_path):
 
 def test_a_method_adds_its_own_metrics_and_images_to_the_evaluation(tmp_path):
     class Measured(StaticGaussiansMethod):
-        def view_metrics(self, batch, rendered):
-            return {"mean_alpha": float(rendered.alpha.mean())}
+        def view_metrics(self, context):
+            return {"mean_alpha": float(context.rendered.alpha.mean())}
 
-        def view_images(self, batch, rendered):
-            return {"alpha": rendered.alpha[0].expand(-1, -1, 3)}
+        def view_images(self, context):
+            return {"alpha": context.rendered.alpha[0].expand(-1, -1, 3)}
 
     class Watcher(Recorder):
         def on_view(self, step, view):
@@ -245,7 +245,7 @@ def test_the_model_is_in_training_mode_in_steps_alone(tmp_path):
             training.append(self.model.training)
             return super().losses(context)
 
-        def view_metrics(self, batch, rendered):
+        def view_metrics(self, context):
             evaluated.append(self.model.training)
             return {}
 
