@@ -62,7 +62,8 @@ class SlotConfig:
     A value is renamed as "mode=old" -> "mode=new", under the current name of its setting.
     """
     recommended: ClassVar[Mapping[str, Any]] = {}
-    """Recommended settings of the run for this choice, by dotted key; the user's settings win."""
+    """Recommended settings of the run for this choice, by dotted key. The user's settings win, and
+    parts that the method chooses itself, such as its sampler."""
 
     def recommendations(self) -> Mapping[str, Any]:
         """``recommended``, unless they depend on the values of this choice."""
@@ -98,6 +99,9 @@ class StrategyConfig(SlotConfig, ABC):
 @dataclass
 class SamplerConfig(SlotConfig, ABC):
     """Settings of a view sampler, chosen as ``sampler=NAME``."""
+
+    in_time_order: ClassVar[bool] = False
+    """True if no step shows an earlier time than the step before it, as tracking needs it."""
 
     @abstractmethod
     def build(self, views: Views, seed: int, steps: int) -> Sampler:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from gsfw.core.config import AUTO, MethodConfig, SlotConfig, replace_at
 from gsfw.core.errors import ConfigError
@@ -109,9 +110,25 @@ class Resolving:
             name, source = choice.name, choice.source
         part = self._fill(slot, name, source)
         if recommended is not None:
-            source, values = f"recommended by {slot} {name}", self._with_values(slot, part)
-            self._layers.append(Layer(source, values.recommendations(), rank=recommended))
+            source = f"recommended by {slot} {name}"
+            values = self._without_taken(source, self._with_values(slot, part).recommendations())
+            self._layers.append(Layer(source, values, rank=recommended))
             self._layers.sort(key=lambda layer: layer.rank)
+
+    def _without_taken(self, source: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Leave out recommended parts where the method has its own choice, which it may need."""
+        kept = dict(values)
+        for slot in SLOT_KEYS & values.keys():
+            presets = [layer for layer in self._layers if layer.rank <= Rank.PRESET]
+            own = last(presets, slot)[0] or self._defaults[slot]
+            if own not in (AUTO, kept[slot]):
+                left_out = kept.pop(slot)
+                if last(self._given_layers, slot)[0] is None:
+                    self._notes.append(
+                        f"{source}: {slot}={left_out}, but method {self._method.name} has its own "
+                        f"choice, {slot}={own}."
+                    )
+        return kept
 
     def share_steps(self) -> None:
         """Let views, rates and steps follow the number of processes, unless views are given.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
@@ -25,6 +26,7 @@ from gsfw.samplers.view_times import views_by_time
 class SequentialConfig(SamplerConfig):
     """Times in order, each for some steps, and never again."""
 
+    in_time_order: ClassVar[bool] = True
     first_steps: int = steps_field(10_000, at_least=1, floor=1)
     """Steps on the first time; the other times share the rest of the run evenly."""
     views_per_step: int = number(1, at_least=1)

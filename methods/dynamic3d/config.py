@@ -116,6 +116,13 @@ class TrackedGaussiansConfig(GaussiansConfig):
                 f"neighbors_per_step={self.neighbors_per_step}: expected at most "
                 f"neighbors={self.neighbors}."
             )
+        if self.sampler is not None and not self.sampler.in_time_order:
+            raise ConfigError(
+                f"method 'dynamic3dgs' follows a scene from each time to the next, and its sampler "
+                f"({type(self.sampler).__name__}) may go back in time.",
+                "Leave out sampler=, or give sampler=sequential, which is this method's own. A "
+                "sampler that never goes back declares in_time_order = True.",
+            )
         self._check_refinement()
 
     def needs(self) -> Needs:

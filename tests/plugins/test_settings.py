@@ -8,9 +8,10 @@ from support.fake_parts import Demo, FakePlugin, fake_registry, registry_of
 from gsfw.core.config import MethodConfig
 from gsfw.core.errors import ConfigError
 from gsfw.core.step_settings import Rescaled, step_settings, steps_field
-from gsfw.plugins.registry import Registry
+from gsfw.plugins.registry import Registry, installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 from gsfw.plugins.specs import Spec, hookimpl
+from gsfw.strategies.adc import AdcConfig
 
 
 def settings(*layers: Layer, **typed: object) -> Settings:
@@ -99,6 +100,23 @@ def test_what_a_strategy_recommends_of_other_methods_is_left_out_with_a_note(mon
     assert "init_of_another_method" not in found.flat()
     said = "recommended by strategy mcmc: init_of_another_method=0.5, which method "
     assert any(note.startswith(said) for note in found.notes)
+
+
+def test_a_method_keeps_its_own_sampler_where_a_strategy_recommends_another(monkeypatch):
+    monkeypatch.setattr(AdcConfig, "recommended", {"sampler": "same-time"})
+
+    def sampler(method: str, **typed: str) -> tuple[str, str]:
+        values = {"method": method, "strategy": "adc", **typed}
+        found = resolve(installed(), [Layer(COMMAND_LINE, values)])
+        said = "; ".join(note for note in found.notes if "sampler" in note)
+        return found.choices["sampler"].name, said
+
+    own = (
+        "recommended by strategy adc: sampler=same-time, but method dynamic3dgs has its own choice"
+    )
+    assert sampler("dynamic3dgs") == ("sequential", f"{own}, sampler=sequential.")
+    assert sampler("4dgs") == ("same-time", "")
+    assert sampler("dynamic3dgs", sampler="progressive") == ("progressive", "")
 
 
 def test_a_method_may_bring_a_configured_strategy_of_its_own():

@@ -82,7 +82,8 @@ def test_a_sampler_that_goes_back_is_refused_without_a_traceback(tmp_path, capsy
     arguments = ["train", *MOVING, "method=dynamic3dgs", "sampler=uniform", "steps=40"]
     assert main([*arguments, f"out={tmp_path / 'run'}"]) == 2
     said = capsys.readouterr().err
-    assert "the sampler goes back.\nUse sampler=sequential, which is this method's own." in said
+    assert "its sampler (UniformConfig) may go back in time.\nLeave out sampler=, or give" in said
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
