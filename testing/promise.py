@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gsfw.testing.subject import Subject
 
-RAISED = "Run the check in a debugger, or look at the traceback that pytest shows."
+RAISED = "Look at this line; pytest shows the whole traceback."
 """Remedy of an unexpected error, of which only the message is known."""
 
 
@@ -64,6 +64,8 @@ class Promise:
     """True if the check trains, which takes a second or more."""
     is_required: bool = False
     """True if no other promise can be checked once this one is broken."""
+    raised: str = RAISED
+    """Remedy of an unexpected error."""
 
     def check(self, subject: Subject) -> Outcome:
         """Check the promise for one part; never raises."""
@@ -74,12 +76,11 @@ class Promise:
         except NotApplicable as reason:
             outcome = replace(outcome, verdict=Verdict.NOT_APPLICABLE, happened=str(reason))
         except Exception as error:
-            broken = (
-                error if isinstance(error, BrokenPromise) else BrokenPromise(_told(error), RAISED)
-            )
-            outcome = Outcome(
-                *(self, str(subject), Verdict.BROKEN, broken.happened, broken.change), error=error
-            )
+            if isinstance(error, BrokenPromise):
+                happened, change = error.happened, error.change
+            else:
+                happened, change = _told(error), self.raised
+            outcome = Outcome(self, str(subject), Verdict.BROKEN, happened, change, error=error)
         return replace(outcome, seconds=time.perf_counter() - started)
 
 

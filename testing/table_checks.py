@@ -34,8 +34,8 @@ def check_table(model: PrimitiveModel, optimizer: Optimizer, when: str) -> None:
         require(
             not column.values.is_floating_point() or bool(column.values.isfinite().all()),
             f"{when}, column {name} is not finite.",
-            "Check divisions and logarithms of new rows; statistics of a step that is not finite "
-            "are zero.",
+            "Check divisions and logarithms of new rows, and sums of before_backward, whose images "
+            "and losses may be NaN (nan_to_num() removes them); observe gets zeros.",
         )
         for moments in optimizer.moments(name) if column.trained else ():
             require(

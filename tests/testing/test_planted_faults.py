@@ -1,5 +1,7 @@
 """The conformance kit notices a part that breaks one of its promises."""
 
+from dataclasses import replace
+
 import pytest
 from support import broken_parts
 from support.broken_parts import BROKEN
@@ -42,6 +44,16 @@ def test_a_part_that_breaks_a_promise_is_found_out(slot, promise):
     assert outcome.verdict is Verdict.BROKEN, outcome
     assert outcome.happened
     assert outcome.change.endswith(".")
+
+
+def test_an_error_after_a_step_that_is_not_finite_names_what_to_look_at():
+    def raises(subject):
+        raise RuntimeError("probability tensor contains either inf, nan or element < 0")
+
+    (promise,) = (item for item in promises("strategy") if item.name == "not-finite-steps")
+    outcome = replace(promise, function=raises).check(find_subject("strategy", "adc"))
+    assert outcome.verdict is Verdict.BROKEN
+    assert outcome.change.startswith("Look at what the refiner gathers in before_backward: images")
 
 
 def test_every_promise_has_a_fault_that_breaks_it():
