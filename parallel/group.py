@@ -156,7 +156,8 @@ def losses_named() -> Iterator[None]:
         yield
     except (RuntimeError, ValueError) as error:
         # The path of a source file, the cause, and general advice.
-        cause = re.sub(r"^\[[^]]*\]\s*", "", str(error).strip()).split(". ")[0].splitlines()[0]
+        text = re.sub(r"^\[[^]]*\]\s*", "", str(error).strip()).split(". ")[0]
+        cause = text.partition("\n")[0] or type(error).__name__
         raise LostProcessError(
             f"another process of this training has ended or does not answer ({cause}).",
             "Its own message says why. Go on from the last checkpoint with gsfw resume RUN.",
