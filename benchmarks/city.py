@@ -14,6 +14,7 @@ together (memory_limit.py).
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import signal
@@ -143,8 +144,16 @@ def opened(path: Path, data: Path) -> Restored:
 
 def main(arguments: list[str]) -> int:
     """Generate, train in both ways, and measure."""
-    folder = Path(arguments[0])
-    given = DEFAULTS | dict(item.split("=", 1) for item in arguments[1:])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("settings", nargs="*", metavar="KEY=VALUE")
+    asked = parser.parse_args(arguments)
+    settings = dict(item.partition("=")[::2] for item in asked.settings)
+    if unknown := settings.keys() - DEFAULTS.keys():
+        parser.error(f"unknown setting {min(unknown)!r}. Settings: {', '.join(DEFAULTS)}.")
+    folder, given = asked.folder, DEFAULTS | settings
     first, second = map(int, given["tiles"].split("x"))
     numbers = {name: int(given[name]) for name in ("views", "width", "height", "points")}
     city = City(tiles=(first, second), **numbers)

@@ -8,6 +8,7 @@ writing and reading need besides them. A degree of 3 is 280 bytes a splat in mem
 
 from __future__ import annotations
 
+import argparse
 import resource
 import subprocess
 import sys
@@ -70,10 +71,16 @@ def measure(action: str, form: str, path: Path, count: int) -> None:
 
 def main(words: list[str]) -> None:
     """Measure each format in processes of their own."""
-    if words[0] == "measure":
+    if words[:1] == ["measure"]:
         measure(words[1], words[2], Path(words[3]), int(words[4]))
         return
-    count, forms = int(words[0]), words[1:]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("count", type=int, metavar="SPLATS")
+    parser.add_argument("forms", nargs="+", metavar="FORMAT")
+    given = parser.parse_args(words)
+    count, forms = given.count, given.forms
     sys.stdout.write(f"{count:,} splats of degree {DEGREE}; MB\n")
     sys.stdout.write("format           file  splats  writing  reading\n")
     for form in forms:

@@ -10,6 +10,7 @@ line per run, and medians.
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import sys
@@ -104,9 +105,22 @@ def report(found: list[Judged]) -> str:
             f"{len(said)} of {len(found)} runs; median error {100 * median(said):.0f} %, by the "
             f"rate {100 * median(abs(item.rate) for item in found):.0f} %"
         )
+    if not found:
+        lines.append(f"No run is finished and has {LEAST_LINES} logged steps. Name longer runs.")
     return "\n".join(lines) + "\n"
 
 
-if __name__ == "__main__":
-    judged = [judge(Path(name), float(sys.argv[1])) for name in sys.argv[2:]]
+def main(arguments: list[str]) -> None:
+    """Judge the given runs."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("part", type=float, metavar="PART")
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
+    given = parser.parse_args(arguments)
+    judged = [judge(run, given.part) for run in given.runs]
     sys.stdout.write(report([item for item in judged if item is not None]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

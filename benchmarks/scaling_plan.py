@@ -11,6 +11,7 @@ are assumptions, the constants of ``scaling_ways``.
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -86,7 +87,12 @@ def measured(given: dict[str, str]) -> Planner:
 
 def main(arguments: Sequence[str]) -> int:
     """Measure, check, and print the plan."""
-    given = dict(item.split("=", 1) for item in arguments if "=" in item)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("given", nargs="*", metavar="FIGURE.png|KEY=VALUE")
+    words: Sequence[str] = parser.parse_args(arguments).given
+    given = dict(item.split("=", 1) for item in words if "=" in item)
     planner = measured(given)
     factors = (f"{planner.waiting(size):.2f} of {size}" for size in (2, 8, 16, 128))
     say("", f"waiting for the slowest: {', '.join(factors)}")
@@ -94,7 +100,7 @@ def main(arguments: Sequence[str]) -> int:
         stored = readable(images * VIEW.pixels * IMAGE_BYTES)
         say("", f"{images:,.0f} images ({stored}), {rows:,.0f} Gaussians", "", *HEAD)
         say(*(plan.line() for plan in planner.plans(images, rows)))
-    for path in (item for item in arguments if "=" not in item):
+    for path in (item for item in words if "=" not in item):
         draw(Path(path), planner)
     return 0
 

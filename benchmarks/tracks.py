@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 from gsfw.core.datamanager import Split
@@ -27,13 +28,15 @@ def track_errors(run: Path) -> dict[str, float | str | int]:
     """Median errors of a run's tracks at the times it was trained on.
 
     Raises:
-        ValueError: the run is not of the built-in scene.
+        ValueError: the run is not of the built-in moving scene.
     """
     restored = restore(RunFolder(run), installed())
     parts = restored.composition.parts
     data = parts.data
     if not isinstance(data, SyntheticData):
         raise ValueError(f"{run} is not of the built-in scene, and the truth is not known.")
+    if not data.scene.is_dynamic:
+        raise ValueError(f"{run} is of the built-in still scene. Name a run of the moving one.")
     times = sorted(set(data.views(Split.TRAIN).times or ()))
     truth = data.tracks(times)
     errors = compare(follow(parts.model, times), truth.positions, truth.present, STILL_BELOW)
@@ -48,8 +51,16 @@ def track_errors(run: Path) -> dict[str, float | str | int]:
     }
 
 
-if __name__ == "__main__":
+def main(arguments: list[str]) -> None:
+    """Print the errors of the given runs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN")
-    for folder in parser.parse_args().runs:
-        print(json.dumps(track_errors(folder)))  # noqa: T201 - what it is for
+    for folder in parser.parse_args(arguments).runs:
+        try:
+            sys.stdout.write(json.dumps(track_errors(folder)) + "\n")
+        except ValueError as error:
+            parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
