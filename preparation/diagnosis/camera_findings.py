@@ -13,6 +13,7 @@ import numpy as np
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
 from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.parallel_views import PARALLEL
 
 FEWEST_POINTS = 100
 """Points of a model that is more than chance: three photos of the built-in scene of 320 pixels have
@@ -29,9 +30,6 @@ UNLIKE = 1.15
 cent."""
 SURE = 3
 """Images from which a focal length is computed that others can be compared with."""
-PARALLEL = 5.0
-"""Degrees between a view and the mean of all below which all views are parallel: fox and plush have
-40 and more; a rendered straight flight whose focal length came out wrong has 2.9."""
 BENT = 0.5
 """Shift of a corner by distortion, in parts of its radius: phones stay below 0.1, action cameras
 below 0.4."""
@@ -125,7 +123,6 @@ def _tracks(figures: ModelFigures) -> Iterator[Finding]:
 
 
 def _parallel_views(figures: ModelFigures) -> Iterator[Finding]:
-    """Scaling depth and focal length alike leaves such images as they are (Sturm 1997)."""
     computed = [camera for camera in figures.cameras if camera.focal != camera.first_focal]
     if computed and figures.baselines.view_spread < PARALLEL:
         yield Finding(

@@ -15,6 +15,7 @@ from jaxtyping import Float64
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.residuals import Stretch, residuals_of, stretch_of
 from gsfw.preparation.mapping.observations import Observations
+from gsfw.preparation.parallel_views import view_spread
 
 if TYPE_CHECKING:
     from pycolmap import Camera, Reconstruction
@@ -185,16 +186,9 @@ def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
         spread=spread,
         to_depth=_percentile(np.array(ratios), 50),
         degrees=float(np.median(np.degrees(np.arccos(cosines)))),
-        view_spread=_view_spread(views),
+        view_spread=view_spread(views),
         cloud_to_spread=_cloud_radius(seen.positions) / spread if spread else float("nan"),
     )
-
-
-def _view_spread(views: Float64[np.ndarray, "r 3"]) -> float:
-    """Largest angle between a direction and the mean of all, in degrees."""
-    middle = views.mean(axis=0)
-    cosines = views @ middle / max(np.linalg.norm(middle), np.finfo(np.float64).tiny)
-    return float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max())
 
 
 def _nearest(

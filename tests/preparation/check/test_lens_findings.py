@@ -7,9 +7,9 @@ from support.checked_captures import ball, write_ball
 from support.small_captures import HEIGHT, WIDTH, write_colmap_cameras
 
 
-def write_focals(folder, fx, fy=None, exif_focal: float | None = None):
+def write_focals(folder, fx, fy=None, exif_focal: float | None = None, capture=None):
     """A capture with a camera for each image; the EXIF tag has mm on film."""
-    capture = ball(count=len(fx))
+    capture = capture or ball(count=len(fx))
     written = write_ball(folder, capture)
     fy = fx if fy is None else fy
     cameras = {
@@ -49,6 +49,18 @@ def test_pixels_of_a_failed_calibration_are_not_called_stretched_images(tmp_path
     assert "each image's otherwise" in odd.found
     assert "calibration" in odd.why
     assert "stretched" not in odd.found + odd.why + odd.advice
+
+
+def test_parallel_views_with_pixels_that_are_not_square_need_their_focal_length(tmp_path):
+    flight = ball(count=24)
+    for pose, side in zip(flight.poses, np.linspace(-0.3, 0.3, 24), strict=True):
+        pose[:] = flight.poses[0]
+        pose[0, 3] += side
+    focals = np.full(24, 70.0)
+    odd = write_focals(tmp_path / "a", focals, 2 * focals, capture=flight).findings(1)
+    assert "focal=PIXELS refine_focal=false" in odd["pixels not square"].advice
+    odd = write_focals(tmp_path / "b", focals, 2 * focals).findings(1)
+    assert "camera_model=SIMPLE_RADIAL" in odd["pixels not square"].advice
 
 
 def test_two_or_three_images_tell_nothing_of_a_lens(tmp_path):
