@@ -27,6 +27,12 @@ PR_SET_CHILD_SUBREAPER = 36
 """Linux's option of ``prctl``: orphans of descendants become children of the process."""
 POLL_SECONDS = 0.002
 NO_FAULT = Fault()
+OTHERS = (
+    *("gsfw.commands.blocks", "gsfw.commands.prepare", "gsfw.commands.study", "gsfw.jobs.process"),
+    *("gsfw.methods.spacetime.method", "gsfw.parallel.sharded.team"),
+    "torch.fx.experimental.symbolic_shapes",  # With SymPy: a second.
+)
+"""Modules that forks load beside those of a small training."""
 
 
 @dataclass(frozen=True)
@@ -274,24 +280,36 @@ def _served(command: Command, place: Path) -> Ended:
     return Ended(code, seconds, texts[0], texts[1], calls, hung)
 
 
-def _load(place: Path) -> None:
-    """Load all modules that a training uses, as found by one in a fork."""
-    names = place / "modules"
+def modules_of_commands(place: Path) -> list[str]:
+    """Names of all modules that a training and an export use, as found by them in a fork.
+
+    Args:
+        place: a folder for their files.
+
+    Raises:
+        RuntimeError: one of them failed.
+    """
+    names, said = place / "modules", place / "said"
     pid = os.fork()
     if pid == 0:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT, 0o600), 1)
         os.dup2(1, 2)
         from gsfw.commands.main import main
 
-        size = ("datamanager.views=3", "datamanager.width=16", "datamanager.height=12")
-        run = place / "warm"
-        main(["train", *size, "datamanager.points=20", "steps=2", "device=cpu", f"out={run}"])
-        main(["export", str(run), f"out={run}/a.gsfw", "format=gsfw"])
+        run, view = str(place / "warm"), ("datamanager.width=16", "datamanager.height=12")
+        size = (*view, "datamanager.views=3", "datamanager.points=20", "steps=2", "device=cpu")
+        code = main(["train", "method=3dgs", *size, f"out={run}"])
+        code = code or main(["export", run, f"out={run}/a.gsfw", "format=gsfw"])
         names.write_text("\n".join(sys.modules))
-        os._exit(0)
-    os.waitpid(pid, 0)
-    others = ("gsfw.commands.study", "gsfw.commands.prepare", "gsfw.jobs.process")
-    for name in [*names.read_text().split(), *others]:
+        os._exit(code)
+    if os.waitpid(pid, 0)[1]:
+        raise RuntimeError(f"a training that finds modules to load failed: {said.read_text()}")
+    return [*names.read_text().split(), *OTHERS]
+
+
+def load(modules: Sequence[str]) -> None:
+    """Load modules, but for those that only a command itself can."""
+    for name in modules:
         with suppress(Exception):
             importlib.import_module(name)
 
@@ -302,7 +320,7 @@ def main(folder: Path) -> int:
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # Nothing else may be between the answers.
     place = Path(tempfile.mkdtemp(dir=folder, prefix="server-"))
-    _load(place)
+    load(modules_of_commands(place))
     answers.write("ready\n")
     for line in sys.stdin:
         values = json.loads(line)
