@@ -130,7 +130,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     Budget.start(0 if whole else MOST_CHECKS)
     KnownImages.are_used = whole
     looked_at = not whole or bool(folders & CHARTS)
-    draw_at(FINE if looked_at or "slow" in marks else COARSE)
+    is_run = bool(folders & WHOLE_RUNS)
+    draw_at(FINE if looked_at or ("slow" in marks and not is_run) else COARSE)
     report.plot = plot if looked_at else blank
     return (yield)
 
