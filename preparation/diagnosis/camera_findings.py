@@ -123,7 +123,7 @@ def _tracks(figures: ModelFigures) -> Iterator[Finding]:
 
 
 def _parallel_views(figures: ModelFigures) -> Iterator[Finding]:
-    computed = [camera for camera in figures.cameras if camera.focal != camera.first_focal]
+    computed = [camera for camera in figures.cameras if not _is_known(camera)]
     if computed and figures.baselines.view_spread < PARALLEL:
         yield Finding(
             "parallel views",
@@ -136,6 +136,13 @@ def _parallel_views(figures: ModelFigures) -> Iterator[Finding]:
             "Give the focal length (focal=PIXELS refine_focal=false), or add images that look at "
             "the same things from the side, such as a second flight with a tilted camera.",
         )
+
+
+def _is_known(camera: CameraFigures) -> bool:
+    """True if the focal length is the given one, or agrees with EXIF."""
+    ratio = camera.focal_ratio
+    is_like = ratio is not None and max(ratio, 1 / ratio) <= UNLIKE
+    return camera.focal == camera.first_focal or (bool(camera.focal_origin) and is_like)
 
 
 def _focal_guesses(figures: ModelFigures) -> Iterator[Finding]:

@@ -333,7 +333,9 @@ def test_focal_lengths_are_compared_with_what_was_said():
 
 def test_parallel_views_do_not_tell_a_focal_length():
     usual = figures()
-    flight = replace(usual, baselines=replace(usual.baselines, view_spread=2.9))
+    baselines = replace(usual.baselines, view_spread=2.9)
+    unknown = replace(usual.cameras[0], focal_origin="")
+    flight = replace(usual, baselines=baselines, cameras=(unknown,))
     (finding,) = found_in(flight)
     assert finding.kind == "parallel views"
     assert finding.found == (
@@ -342,6 +344,8 @@ def test_parallel_views_do_not_tell_a_focal_length():
     )
     given = replace(usual.cameras[0], first_focal=900.0, focal_origin="given")
     assert found_in(replace(flight, cameras=(given,))) == []
+    confirmed = replace(given, first_focal=880.0, focal_origin="EXIF")
+    assert found_in(replace(flight, cameras=(confirmed,))) == []
 
 
 def test_one_lens_has_one_focal_length():
