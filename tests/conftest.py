@@ -86,13 +86,10 @@ FINE, COARSE = style.DPI, 30
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Leave out slow tests, unless they are asked for: by ``-m`` or by the name of a test.
-
-    Workers of xdist get the choice of the process that starts them.
-    """
+    """Leave out slow tests, unless they are asked for: by ``-m`` or by the name of a test."""
     arguments = [str(argument) for argument in config.invocation_params.args]
     asked = any("::" in item or item.startswith("-m") for item in arguments)
-    if not config.option.markexpr and not asked and not hasattr(config, "workerinput"):
+    if not config.option.markexpr and not asked:
         config.option.markexpr = "not slow"
 
 

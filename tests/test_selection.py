@@ -25,13 +25,3 @@ def test_slow_tests_are_left_out_unless_markers_or_a_test_are_named(
     config = SimpleNamespace(invocation_params=SimpleNamespace(args=arguments), option=option)
     conftest.pytest_configure(config)
     assert option.markexpr == selected
-
-
-def test_a_worker_keeps_the_selection_of_its_process(request):
-    conftest = request.config.pluginmanager.get_plugin(str(Path(__file__).with_name("conftest.py")))
-    option = SimpleNamespace(markexpr="")
-    given = SimpleNamespace(args=())
-    conftest.pytest_configure(
-        SimpleNamespace(invocation_params=given, option=option, workerinput={})
-    )
-    assert option.markexpr == ""
