@@ -73,7 +73,7 @@ class Capture(DataManager):
             rule: what becomes of images of distorted lenses.
             masks: which there are, and what they mean.
             maps: folders of per-view maps, besides those that the frames have.
-            as_stored: take the numbers of photos for sRGB, whatever their profiles say.
+            as_stored: take the numbers of files for sRGB, whatever they say.
 
         Raises:
             DataError: an image contradicts its camera, a lens cannot be undistorted, some frames
@@ -153,6 +153,8 @@ class Capture(DataManager):
 
     def _make_videos(self) -> VideoImages:
         shots = {i: frame.shot for i, frame in enumerate(self._frames) if frame.shot is not None}
+        if self._as_stored:
+            shots = {index: shot.as_stored() for index, shot in shots.items()}
         sizes = {index: self._image_bytes(index) for index in shots}
         return VideoImages(shots, sizes, self._fit)
 

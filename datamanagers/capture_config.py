@@ -47,8 +47,8 @@ class CaptureConfig(DataManagerConfig, ABC):
     invert_masks: bool = False
     """True if masks are dark where pixels count."""
     colors: str = "srgb"
-    """Colours of photos: srgb (converted to it by their colour profiles), or stored (the numbers
-    of the files, as benchmarks with published figures read them)."""
+    """Colours of photos and videos: srgb (converted to it by their colour profiles, and from HDR),
+    or stored (the numbers of the files, as benchmarks with published figures read them)."""
     maps: tuple[str, ...] = ()
     """Per-view maps (features, labels, depth) for methods: NAME:FOLDER[:RULE[:UNIT]], several with
     commas. RULE: mean, nearest or depth. Files (.npy [h, w, d], images) are named like the images.

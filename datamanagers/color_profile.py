@@ -15,9 +15,8 @@ import numpy as np
 from PIL import Image, ImageCms
 
 from gsfw.datamanagers.adobe_rgb import adobe_rgb, is_adobe_rgb
+from gsfw.datamanagers.high_dynamic_range import HDR
 
-HDR = {16: "PQ", 18: "HLG"}
-"""Transfer characteristics of high dynamic range (ITU-T H.273, table 3)."""
 LIKE_SRGB = 2
 """Largest deviation from sRGB, of 255, of profiles whose numbers stay as they are."""
 PROBES = np.array([*product(range(0, 256, 51), repeat=3)], np.uint8)[None]

@@ -127,7 +127,7 @@ class Video:
         return range(self.keys[after - 1], (*self.keys, len(self))[after])
 
     def images(self, numbers: Sequence[int]) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
-        """Decode images, upright and cropped; in order, each with its number.
+        """Decode images, upright, cropped and in sRGB; in order, each with its number.
 
         Args:
             numbers: ascending; what lies between them is decoded, too, but goes no further.
@@ -136,7 +136,7 @@ class Video:
             DataError: one of them does not decode.
         """
         for number, frame in self._frames(numbers):
-            yield number, self._upright(frame.to_ndarray(format="rgb24"), self.box)
+            yield number, self._upright(self.traits.colors(frame), self.box)
 
     def greys(
         self, numbers: Sequence[int], longest: int
@@ -238,6 +238,11 @@ class Shot:
     """The video, from ``Video.read``."""
     number: int
     """Counted from 0."""
+
+    def as_stored(self) -> Shot:
+        """The same image, whose numbers are taken for sRGB."""
+        traits = replace(self.video.traits, transfer=0)
+        return replace(self, video=replace(self.video, traits=traits))
 
 
 ADVICE = "Copy the video again; if it was recorded so, write it anew with ffmpeg -i OLD NEW.mp4."

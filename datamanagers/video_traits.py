@@ -13,12 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.color_profile import HDR
-
-NO_HDR = (
-    "record without HDR (iPhone: Settings > Camera > Record Video > HDR Video), or export it as "
-    "SDR (Rec. 709) from a video editor"
-)
+from gsfw.datamanagers.high_dynamic_range import HDR, hdr_to_srgb
 
 
 @dataclass(frozen=True)
@@ -39,6 +34,8 @@ class VideoTraits:
     """Width of a stored pixel divided by its height."""
     transfer: int = 0
     """Transfer characteristic, by its number in ITU-T H.273."""
+    primaries: int = 0
+    """Primaries, by their number in ITU-T H.273."""
     interlaced: bool = False
     """True if the rows of an image are of two times, in turn."""
 
@@ -55,6 +52,7 @@ class VideoTraits:
             tilt=tilt if tilt > 1 else 0,  # PyAV cuts off parts of a degree.
             aspect=stream.sample_aspect_ratio or Fraction(1),
             transfer=stream.codec_context.color_trc,
+            primaries=stream.codec_context.color_primaries,
             interlaced=frame.interlaced_frame,
         )
 
@@ -62,6 +60,13 @@ class VideoTraits:
     def shown_size(self) -> tuple[int, int]:
         """Width and height of the upright image, in pixels."""
         return (self.height, self.width) if self.turns % 2 else (self.width, self.height)
+
+    def colors(self, frame: Any) -> UInt8[np.ndarray, "h w 3"]:  # noqa: ANN401
+        """Pixels of an image that PyAV gives, as stored; those of HDR become sRGB."""
+        if self.transfer not in HDR:
+            return np.asarray(frame.to_ndarray(format="rgb24"))
+        pixels = frame.to_ndarray(format="rgb48le")
+        return hdr_to_srgb(pixels, self.transfer, self.primaries)
 
     def upright(self, pixels: UInt8[np.ndarray, "h w *d"]) -> UInt8[np.ndarray, "h2 w2 *d"]:
         """A stored image as it is to be shown."""
@@ -82,11 +87,6 @@ class VideoTraits:
 
     def notes(self) -> Iterator[str]:
         """Clauses on images that do not look as they should."""
-        if self.transfer in HDR:
-            yield (
-                f"the video is HDR ({HDR[self.transfer]}), and gsfw does not convert its colours, "
-                f"so they look pale; {NO_HDR}"
-            )
         if self.tilt:
             yield (
                 f"the video says that its images are tilted by {self.tilt} degrees, and gsfw "

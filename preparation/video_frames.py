@@ -216,7 +216,7 @@ def _usable(path: ViewPath, relative: Float[np.ndarray, " n"]) -> Bool[np.ndarra
 
 
 def _notes_on_pixels(video: Video) -> Iterator[str]:
-    """Notes on HDR, interlaced and oblong images."""
+    """Notes on tilted, interlaced and oblong images."""
     yield from video.traits.notes()
     if abs(video.traits.aspect - 1) > ROUNDED:
         yield (

@@ -76,7 +76,7 @@ def test_frames_have_their_times_in_the_video(tmp_path):
 
 def test_what_is_odd_about_a_video_is_told(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4", 4))
-    traits = replace(video.traits, transfer=18, aspect=Fraction(4, 3))
-    hdr, oblong, *_ = choose_frames(replace(video, traits=traits), 3).notes
-    assert hdr.startswith("the video is HDR (HLG), and gsfw does not convert its colours, ")
+    traits = replace(video.traits, interlaced=True, aspect=Fraction(4, 3))
+    interlaced, oblong, *_ = choose_frames(replace(video, traits=traits), 3).notes
+    assert interlaced.startswith("the video is interlaced: the rows of an image show two times, ")
     assert oblong.startswith("its pixels are not square (4/3 as wide as high), and cameras are ")

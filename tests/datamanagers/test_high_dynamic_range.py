@@ -1,0 +1,124 @@
+"""HDR videos become sRGB: against the equations in float64, and through files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.small_captures import HEIGHT, WIDTH
+
+from gsfw.datamanagers.high_dynamic_range import HLG, PQ, compressed, hdr_to_srgb
+from gsfw.datamanagers.video import Shot, Video
+
+BT2020_TO_BT709 = np.array(
+    [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]]
+)
+"""ITU-R BT.2087-0, annex 2."""
+LUMINANCE = np.array([0.2627, 0.6780, 0.0593])
+"""ITU-R BT.2100-2, table 5."""
+FFMPEG = 3
+"""Deviation of FFmpeg's conversion from YCbCr, of 255."""
+number = st.integers(0, 65535)
+
+
+def light_of_pq(values):
+    """Nits by the EOTF of SMPTE ST 2084."""
+    power = values ** (1 / 78.84375)
+    inner = np.maximum(power - 0.8359375, 0) / (18.8515625 - 18.6875 * power)
+    return 10000 * inner ** (1 / 0.1593017578125)
+
+
+def light_of_hlg(values):
+    """Nits on a display of 1000 nits."""
+    bright = (np.exp((values - 0.55991073) / 0.17883277) + 0.28466892) / 12
+    scene = np.where(values <= 0.5, values**2 / 3, bright)
+    return 1000 * (scene @ LUMINANCE) ** 0.2 * scene
+
+
+def expected(values, transfer):
+    """The number of sRGB, without tables and rounding."""
+    light = (light_of_pq if transfer == PQ else light_of_hlg)(values).clip(max=1000)
+    light = BT2020_TO_BT709 @ light
+    largest = light.max().clip(1e-9, 1000)
+    linear = (light * compressed(np.array([largest])) / largest / 203).clip(0, 1)
+    return 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def converted(color, transfer, primaries=9):
+    return hdr_to_srgb(np.array([[color]], np.uint16), transfer, primaries)[0, 0]
+
+
+@given(color=st.tuples(number, number, number), transfer=st.sampled_from([PQ, HLG]))
+def test_colors_are_those_of_the_equations(color, transfer):
+    values = np.array(color) / 65535
+    assert np.abs(converted(color, transfer) - expected(values, transfer)).max() < 1.2
+
+
+def test_the_reference_white_of_both_curves_is_the_same_bright_grey():
+    """ITU-R BT.2408-7, table 1: 203 nits are 58 % of PQ and 75 % of HLG."""
+    hlg, pq = (
+        converted([round(part * 65535)] * 3, transfer).astype(int)
+        for part, transfer in ((0.75, HLG), (0.5806, PQ))
+    )
+    assert np.abs(hlg - pq).max() <= 1
+    assert set(hlg) <= {227, 228, 229, 230}
+
+
+@pytest.mark.parametrize("transfer", [PQ, HLG])
+def test_greys_stay_grey_rise_and_reach_black_and_white(transfer):
+    ramp = np.repeat(np.arange(0, 65536, 17, dtype=np.uint16)[:, None, None], 3, axis=2)
+    result = hdr_to_srgb(ramp, transfer, 9)[:, 0].astype(int)
+    assert np.ptp(result, axis=1).max() == 0
+    assert (np.diff(result[:, 0]) >= 0).all()
+    assert (result[0, 0], result[-1, 0]) == (0, 255)
+
+
+def test_light_below_the_knee_is_kept_and_the_peak_becomes_white():
+    dark = np.array([0.01, 1.0, 26.0, 80.0])
+    assert compressed(dark) == pytest.approx(dark, rel=1e-6)
+    assert compressed(np.array([1000.0])) == pytest.approx(203.0)
+    curve = compressed(np.linspace(0.01, 1000, 5000))
+    assert (np.diff(curve) > 0).all()
+
+
+def test_primaries_are_those_of_the_file():
+    """A grey is the same in all of them, and red less saturated in smaller ones."""
+    grey = [converted([30000] * 3, HLG, primaries) for primaries in (1, 9, 12, 2)]
+    assert np.ptp(grey, axis=0).max() <= 1
+    green = [int(converted([40000, 20000, 20000], HLG, primaries)[1]) for primaries in (9, 12, 1)]
+    assert green == sorted(green)
+    assert green[0] < green[-1]
+
+
+@pytest.fixture(scope="module")
+def hlg_video(tmp_path_factory):
+    """A grey video of 10 bits, as phones record it."""
+    av = pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
+    path = tmp_path_factory.mktemp("hlg") / "a.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p10le"
+        frame = av.VideoFrame(WIDTH, HEIGHT, "yuv420p10le")
+        for plane, value in zip(frame.planes, (64 + 876 * 3 // 4, 512, 512), strict=True):
+            plane.update(np.full(plane.buffer_size // 2, value, "<u2").tobytes())
+        for what in (stream.codec_context, frame):
+            what.color_trc, what.color_primaries, what.colorspace = HLG, 9, 9
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return Video.read(path)
+
+
+def test_images_of_an_hdr_video_are_converted_unless_they_are_to_stay_as_stored(hlg_video):
+    assert hlg_video.traits.transfer == HLG
+    assert hlg_video.traits.primaries == 9
+    shown = hlg_video.image(0)
+    assert shown.shape == (HEIGHT, WIDTH, 3)
+    assert np.abs(shown.astype(int) - converted([49151] * 3, HLG)).max() <= FFMPEG
+    stored = Shot(hlg_video, 0).as_stored().video.image(0)
+    assert np.abs(stored.astype(int) - 191).max() <= FFMPEG
+
+
+def test_other_videos_keep_their_numbers(hlg_video):
+    plain = replace(hlg_video, traits=replace(hlg_video.traits, transfer=1))
+    assert np.abs(plain.image(0).astype(int) - 191).max() <= FFMPEG
