@@ -22,7 +22,8 @@ class ForeignFormat:
 
 HEIC = ForeignFormat(
     "HEIC",
-    "Convert them to JPEG. macOS: sips -s format jpeg *.HEIC --out FOLDER. Linux: heif-convert -q "
+    "Install their decoder, and the same command uses them: pip install 'gsfw[heic]'. Or convert "
+    "them to JPEG. macOS: sips -s format jpeg *.HEIC --out FOLDER. Linux: heif-convert -q "
     "95 IN.HEIC OUT.jpg for each (in Debian's libheif-examples). Windows: open and save them in "
     "Photos. An iPhone takes JPEG with Settings > Camera > Formats > Most Compatible.",
 )

@@ -77,7 +77,7 @@ class Preparation:
         return Prepared(diagnosis, written, self._choices.by_stage, self._journal.seconds)
 
     def _images(self) -> ImageSet:
-        source = read_source(self._inputs, self._place.path)
+        source = read_source(self._inputs, self._place.path, self._place.photos)
         for note in source.notes:
             self._say(f"note: {note}")
         if not source.videos:

@@ -26,6 +26,7 @@ from gsfw.preparation.foreign_formats import (
     PANORAMA,
     RAW,
 )
+from gsfw.preparation.heic import Converted, with_jpeg
 from gsfw.preparation.image_file import (
     KNOWN,
     ImageFile,
@@ -60,19 +61,27 @@ class Source:
     """Notes on the choice for the user; clauses without a period."""
 
 
-def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:
+def read_source(
+    paths: Sequence[Path], out: Path | None = None, converted: Path | None = None
+) -> Source:
     """Find what can be used among the inputs, by the headers of files.
 
     Args:
         paths: folders, which are searched through, images, and videos.
         out: where results go; not looked at, should it lie in one of the folders.
+        converted: folder for JPEG files of HEIC photos; ``None`` leaves those out.
 
     Raises:
         DataError: a path is not there or cannot be read, or nothing can be used.
+        OutputError: a converted photo cannot be written.
     """
     inputs = InputFiles.find(paths, out)
-    videos, left_out = _videos(inputs.files)
-    looks = _examined(inputs.files)
+    photos = Converted(tuple(inputs.files))
+    if converted is not None:
+        photos = with_jpeg(inputs.files, converted)
+    videos, left_out = _videos(photos.files)
+    looks = _examined(photos.files)
+    left_out += photos.damaged
     left_out += [look for look in looks.values() if isinstance(look, LeftOut)]
     found = [look for look in looks.values() if isinstance(look, ImageFile)]
     others = [file for file, look in looks.items() if look is None]
@@ -92,7 +101,7 @@ def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:
     return Source(
         ImageSet(tuple(ordered), tuple(left_out)),
         tuple(video.path for video in videos),
-        (*inputs.notes, *notes_on(found, images, others)),
+        (*inputs.notes, *photos.notes, *notes_on(found, images, others)),
     )
 
 

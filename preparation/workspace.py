@@ -61,6 +61,11 @@ class Workspace:
         return self.work / "frames"
 
     @property
+    def photos(self) -> Path:
+        """JPEG files of HEIC photos."""
+        return self.work / "photos"
+
+    @property
     def database(self) -> Path:
         """COLMAP's features and matches."""
         return self.attempt_folder / "database.db"

@@ -16,7 +16,7 @@ from packaging.utils import canonicalize_name
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "licences.md"
 PROJECT = "gsfw"
-EXTRAS = ("cloud", "flip", "ray", "spz", "video", "viewer")
+EXTRAS = ("cloud", "flip", "heic", "ray", "spz", "video", "viewer")
 """Extras for users; gsplat is left out, which needs a GPU's compiler to be installed."""
 UNKNOWN = "not stated"
 COPYLEFT = re.compile(r"(?<![A-Za-z])A?GPL|GNU (Affero )?General Public")
@@ -32,9 +32,9 @@ reads the metadata of what is installed). `.ci/sbom FILE.json` writes an SBOM (C
 environment, with versions.
 
 Wheels bundle native libraries under licences of their own: NumPy, SciPy and torch the runtime of
-GCC (GPL with its exception for linked programs), PyAV the libraries of FFmpeg. Read the licence
-files in the wheels before you ship them to others. GPUs need libraries of NVIDIA, which have
-NVIDIA's licence and come with torch.
+GCC (GPL with its exception for linked programs), PyAV the libraries of FFmpeg, pi-heif libheif and
+libde265 (LGPL). Read the licence files in the wheels before you ship them to others. GPUs need
+libraries of NVIDIA, which have NVIDIA's licence and come with torch.
 """
 
 

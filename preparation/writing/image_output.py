@@ -56,7 +56,7 @@ class StoredImage:
         The orientation is left out, as pixels are upright, and the profile, as colours are sRGB.
         """
         with BoundedFile(self.path) as file, Image.open(file, formats=FORMATS) as image:
-            exif = _exif(image)
+            exif = exif_of(image)
         return encoded(pixels, self.rewritten_format, quality, exif)
 
 
@@ -130,7 +130,7 @@ def encoded(
     return buffer.getvalue()
 
 
-def _exif(image: Image.Image) -> bytes:
+def exif_of(image: Image.Image) -> bytes:
     """EXIF data of an image as upright sRGB; empty where it cannot be read."""
     try:
         exif = image.getexif()

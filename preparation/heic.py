@@ -1,0 +1,113 @@
+"""HEIC photos, an iPhone's usual ones, become JPEG files, which all other programs read as well.
+
+``pi-heif`` decodes them. Without it they are left out, with advice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from PIL import Image
+
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.progress import stage
+from gsfw.datamanagers.color_profile import in_srgb, profile_of
+from gsfw.datamanagers.high_dynamic_range import HDR, hdr_to_srgb
+from gsfw.datamanagers.images import EXTENSIONS
+from gsfw.preparation.foreign_formats import BRANDS, HEAD, HEIC
+from gsfw.preparation.image_set import LeftOut
+from gsfw.preparation.input_files import InputFile, shot
+from gsfw.preparation.journal import identity_of
+from gsfw.preparation.video_frames import JPEG_QUALITY
+from gsfw.preparation.writing.image_output import encoded, exif_of
+
+
+@dataclass(frozen=True)
+class Converted:
+    """Input files after the conversion."""
+
+    files: tuple[InputFile, ...]
+    """All of them in order, converted ones in place of their HEIC files."""
+    damaged: tuple[LeftOut, ...] = ()
+    """HEIC files that do not decode."""
+    notes: tuple[str, ...] = ()
+    """Notes for the user; clauses without a period."""
+
+
+def with_jpeg(files: Sequence[InputFile], folder: Path) -> Converted:
+    """Convert HEIC photos; those that were converted before are kept.
+
+    They stay as they are without ``pi-heif``, and where the camera has written another format, too.
+
+    Args:
+        files: of any kind.
+        folder: for the JPEG files.
+
+    Raises:
+        OutputError: one cannot be written.
+    """
+    heic = [file for file in files if _is_heic(file.path)]
+    others = set(files).difference(heic)
+    shots = {shot(file.name) for file in others if file.path.suffix.lower() in EXTENSIONS}
+    wanted = [file for file in heic if file.asked or shot(file.name) not in shots]
+    if not wanted or importlib.util.find_spec("pi_heif") is None:
+        return Converted(tuple(files))
+    converted: dict[InputFile, InputFile] = {}
+    damaged: dict[InputFile, LeftOut] = {}
+    with stage("converting HEIC photos", len(wanted)) as advance:
+        for number, file in enumerate(wanted, 1):
+            found = _converted(file, folder)
+            if isinstance(found, LeftOut):
+                damaged[file] = found
+            else:
+                converted[file] = found
+            advance(number)
+    kept = (converted.get(file, file) for file in files if file not in damaged)
+    note = f"HEIC photos are converted to JPEG (quality {JPEG_QUALITY}): {len(converted)}"
+    return Converted(tuple(kept), tuple(damaged.values()), (note,) if converted else ())
+
+
+def _is_heic(path: Path) -> bool:
+    """True if the content of a file is HEIC: some phones name such files like a JPEG."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEAD)
+    except OSError:  # Whoever examines the file says so.
+        return False
+    return head[4:8] == b"ftyp" and BRANDS.get(head[8:12]) is HEIC
+
+
+def _converted(file: InputFile, folder: Path) -> InputFile | LeftOut:
+    key = hashlib.blake2b(repr(identity_of(file.path)).encode(), digest_size=12).hexdigest()
+    path = folder / f"{key}.jpg"
+    if not path.is_file():
+        try:
+            content = _jpeg(file.path)
+        except Exception:  # pi-heif raises whatever a broken file makes it.
+            return LeftOut(file.name, "the HEIC image is cut off or damaged", "Copy it again.")
+        write_atomically(path, content)
+    return replace(file, path=path, name=PurePosixPath(file.name).with_suffix(".jpg").as_posix())
+
+
+def _jpeg(path: Path) -> bytes:
+    """The upright image in sRGB, with its EXIF data."""
+    import pi_heif
+
+    stored = pi_heif.open_heif(path)
+    color = stored.info.get("nclx_profile", {})
+    transfer = color.get("transfer_characteristics", 0)
+    if transfer in HDR:
+        # Its array does not keep the image that it is a view of.
+        numbers = pi_heif.open_heif(path, convert_hdr_to_8bit=False)
+        pixels = np.array(numbers)[..., :3]
+        image = Image.fromarray(hdr_to_srgb(pixels, transfer, color["color_primaries"]))
+        image.info["exif"] = stored.info.get("exif") or b""
+    else:
+        image = stored.to_pillow()
+    pixels = np.asarray(in_srgb(image, "RGB", profile_of(image)))
+    return encoded(pixels, "JPEG", JPEG_QUALITY, exif_of(image))

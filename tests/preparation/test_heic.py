@@ -1,0 +1,136 @@
+"""HEIC photos become JPEG files of a preparation."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.ExifTags import IFD, Base
+from support import color_profiles
+from support.heic_files import write_heic
+from support.source_photos import HEIC_ADVICE, names, only_left_out, photo, written
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.color_profile import in_srgb
+from gsfw.datamanagers.high_dynamic_range import PQ, hdr_to_srgb
+from gsfw.datamanagers.images import decode
+from gsfw.preparation.heic import _jpeg
+from gsfw.preparation.source import read_source
+
+pytest.importorskip("pi_heif", reason="pi-heif, which decodes HEIC, is not installed")
+
+RED, GREEN = (200, 60, 40), (30, 180, 60)
+CODING = 6
+"""Deviation that HEVC and JPEG cause inside of areas of one colour, of 255."""
+
+
+def pixels() -> np.ndarray:
+    """Red on the left, green on the right."""
+    image = np.empty((48, 64, 3), np.uint8)
+    image[:, :32], image[:, 32:] = RED, GREEN
+    return image
+
+
+def exif() -> bytes:
+    """EXIF data of a phone."""
+    data = Image.Exif()
+    data[Base.Make], data[Base.Orientation] = "Phone", 6
+    data.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = 26
+    return data.tobytes()
+
+
+def source(folder: Path):
+    return read_source([folder], converted=folder.parent / "converted")
+
+
+def test_a_heic_photo_is_upright_and_has_its_name_and_exif_data(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    write_heic(folder / "IMG_1.HEIC", pixels(), exif(), turns=3)
+    found = source(folder)
+    (image,) = found.images.images
+    assert image.name == "IMG_1.jpg"
+    assert (image.header.width, image.header.height, image.header.orientation) == (48, 64, 1)
+    assert (image.exif.make, image.exif.focal_35mm) == ("Phone", 26)
+    shown = decode(image.path, image.header).astype(int)
+    # A quarter turn counter-clockwise, three times: the left side comes up.
+    assert np.abs(shown[10, 24] - RED).max() <= CODING
+    assert np.abs(shown[50, 24] - GREEN).max() <= CODING
+    assert found.notes == ("HEIC photos are converted to JPEG (quality 97): 1",)
+
+
+def test_colors_of_a_profile_become_srgb(tmp_path):
+    profile = color_profiles.profile(color_profiles.DISPLAY_P3)
+    path = write_heic(tmp_path / "a.heic", pixels(), profile=profile)
+    shown = opened(_jpeg(path))
+    expected = np.asarray(in_srgb(Image.fromarray(pixels()), "RGB", profile)).astype(int)
+    assert np.abs(expected - pixels()).max() > 2 * CODING
+    for column in (10, 50):
+        assert np.abs(shown[20, column] - expected[20, column]).max() <= CODING
+
+
+def test_photos_of_a_high_dynamic_range_become_srgb(tmp_path):
+    grey = np.full((48, 64, 3), round(0.5806 * 255), np.uint8)
+    shown = opened(_jpeg(write_heic(tmp_path / "a.hif", grey, transfer=PQ)))
+    expected = hdr_to_srgb(grey.astype(np.uint16) * 257, PQ, 9).astype(int)
+    assert np.abs(shown - expected).max() <= CODING
+
+
+def opened(content: bytes) -> np.ndarray:
+    with Image.open(io.BytesIO(content)) as image:
+        return np.asarray(image).astype(int)
+
+
+def test_a_second_preparation_keeps_the_converted_photos(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    write_heic(folder / "a.jpg", pixels())
+    (before,) = source(folder).images.images
+    with before.path.open("r+b") as file:
+        file.write(before.path.read_bytes())
+    changed = before.path.stat().st_mtime_ns
+    (after,) = source(folder).images.images
+    assert after.path == before.path
+    assert after.path.stat().st_mtime_ns == changed
+
+
+def test_a_shot_that_the_camera_also_wrote_as_jpeg_is_not_converted(tmp_path):
+    folder = tmp_path / "photos"
+    photo(folder / "a.jpg")
+    write_heic(folder / "A.heic", pixels())
+    found = source(folder)
+    assert names(found) == ["a.jpg"]
+    assert only_left_out(found).reason == "HEIC files are not read; a.jpg is used"
+
+
+def test_a_damaged_file_is_left_out_with_the_reason(tmp_path):
+    folder = tmp_path / "photos"
+    photo(folder / "a.jpg")
+    whole = write_heic(folder / "b.heic", pixels()).read_bytes()
+    (folder / "b.heic").write_bytes(whole[:-60])
+    left_out = only_left_out(source(folder))
+    assert (left_out.name, left_out.reason, left_out.advice) == (
+        "b.heic",
+        "the HEIC image is cut off or damaged",
+        "Copy it again.",
+    )
+
+
+def test_the_clip_of_a_live_photo_is_still_known(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    write_heic(folder / "IMG_1.HEIC", pixels())
+    written(folder / "IMG_1.MOV", b"clip")
+    assert only_left_out(source(folder)).reason == "it is the clip of the live photo IMG_1.jpg"
+
+
+def test_without_the_decoder_its_name_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    write_heic(folder / "a.heic", pixels())
+    with pytest.raises(DataError) as caught:
+        source(folder)
+    assert caught.value.advice == HEIC_ADVICE
+    assert "pip install 'gsfw[heic]'" in HEIC_ADVICE
