@@ -102,8 +102,11 @@ def hlg_video(tmp_path_factory):
         frame = av.VideoFrame(WIDTH, HEIGHT, "yuv420p10le")
         for plane, value in zip(frame.planes, (64 + 876 * 3 // 4, 512, 512), strict=True):
             plane.update(np.full(plane.buffer_size // 2, value, "<u2").tobytes())
-        for what in (stream.codec_context, frame):
-            what.color_trc, what.color_primaries, what.colorspace = HLG, 9, 9
+        traits = {"color_trc": HLG, "color_primaries": 9, "colorspace": 9}
+        for name, value in traits.items():
+            setattr(stream.codec_context, name, value)
+            if hasattr(frame, name):  # PyAV 14.1 has it not.
+                setattr(frame, name, value)
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return Video.read(path)

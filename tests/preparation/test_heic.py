@@ -36,7 +36,7 @@ def exif() -> bytes:
     """EXIF data of a phone."""
     data = Image.Exif()
     data[Base.Make], data[Base.Orientation] = "Phone", 6
-    data.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = 26
+    data[IFD.Exif] = {Base.FocalLengthIn35mmFilm: 26}
     return data.tobytes()
 
 
