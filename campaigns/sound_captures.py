@@ -185,6 +185,16 @@ def polycam(folder: Path) -> str:
     return "."
 
 
+def record3d(folder: Path) -> str:
+    """An export, half a turn around x for each pose."""
+    poses = [[1.0, 0.0, 0.0, 0.0, *_center(pose)] for pose in ring(VIEWS).poses]
+    content = {"w": WIDTH, "h": HEIGHT, "K": [FOCAL[0], 0, 0, 0, FOCAL[1], 0, *CENTER, 1]}
+    _json(folder / "metadata.json", content | {"poses": poses})
+    names = [f"{number}.png" for number in range(VIEWS)]
+    write_images(folder / "rgb", replace(ring(VIEWS), names=names))
+    return "."
+
+
 def opensfm(folder: Path) -> str:
     """A reconstruction with a lens of Brown, and points."""
     capture, longer = ring(VIEWS), max(WIDTH, HEIGHT)
@@ -376,6 +386,7 @@ CAPTURES: Mapping[str, tuple[Writer, ...]] = {
     "metashape": (metashape,),
     "reality-capture": (reality_capture,),
     "polycam": (polycam,),
+    "record3d": (record3d,),
     "opensfm": (opensfm,),
     "openmvg": (openmvg,),
     "nerfies": (nerfies,),

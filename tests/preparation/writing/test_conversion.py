@@ -107,6 +107,7 @@ STILL = {
     "metashape": of("test_metashape"),
     "reality-capture": of("test_reality_capture"),
     "polycam": of("test_polycam"),
+    "record3d": of("test_record3d"),
     "opensfm": opensfm,
     "openmvg": of("test_openmvg"),
 }

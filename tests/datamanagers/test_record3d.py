@@ -1,0 +1,103 @@
+"""The ``record3d`` format."""
+
+import json
+
+import pytest
+import torch
+from support.refusals import failure_of
+from support.small_captures import (
+    CENTER,
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    opengl,
+    projection_error,
+    request,
+    ring,
+    write_image,
+)
+
+from gsfw.core.datamanager import Split
+from gsfw.core.maths.rotations import quaternions_of
+from gsfw.datamanagers.record3d import Record3dConfig
+
+INTRINSICS = [FOCAL[0], 0, 0, 0, FOCAL[1], 0, *CENTER, 1]
+"""K, column by column."""
+
+
+def write(folder, views=4, file="metadata.json", images="rgb", **settings):
+    """A recording; ``settings`` replace those of its file, and None removes one."""
+    poses = []
+    for number, pose in enumerate(ring(views).poses):
+        matrix = torch.tensor(opengl(pose), dtype=torch.float64)
+        w, x, y, z = quaternions_of(matrix[:3, :3]).tolist()
+        poses.append([x, y, z, w, *matrix[:3, 3].tolist()])
+        write_image(folder / images / f"{number}.jpg")
+    content = {"w": WIDTH, "h": HEIGHT, "fps": 60, "K": INTRINSICS, "poses": poses} | settings
+    content = {key: value for key, value in content.items() if value is not None}
+    (folder / file).write_text(json.dumps(content))
+    return folder
+
+
+def expected(views=4):
+    capture = ring(views)
+    capture.names[:] = [f"{number}.jpg" for number in range(views)]
+    return capture
+
+
+def build(path, config=None, **settings):
+    return Record3dConfig(**config or {}).build(request(path, **settings))
+
+
+failure = failure_of(build)
+
+
+def test_points_fall_where_they_should(tmp_path):
+    data = build(write(tmp_path))
+    assert projection_error(data, expected()) < 0.01
+    assert data.scene.up == "y"
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
+    unpacked = write(tmp_path / "r3d", file="metadata", images="rgbd")
+    assert projection_error(build(unpacked), expected()) < 0.01
+
+
+def test_the_lens_of_each_image_is_preferred(tmp_path):
+    own = [[*FOCAL, *CENTER]] * 4
+    data = build(write(tmp_path, K=[1.0] * 9, perFrameIntrinsicCoeffs=own))
+    assert projection_error(data, expected()) < 0.01
+
+
+def test_long_recordings_are_thinned_evenly(tmp_path):
+    data = build(write(tmp_path, views=11), {"max_images": 6})
+    used = {*data.views(Split.TRAIN).names, *data.views(Split.EVAL).names}
+    assert used == {f"{number}.jpg" for number in (0, 2, 4, 6, 8, 10)}
+    assert "6 of 11 images are used (datamanager.max_images=N: more)" in data.notes()
+
+
+def test_missing_images_are_noted(tmp_path):
+    write(tmp_path)
+    (tmp_path / "rgb/1.jpg").unlink()
+    assert "1 of 4 images are not on disk and are left out: 1" in build(tmp_path).notes()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"poses": None}, "metadata.json: there is no list of poses."),
+        ({"poses": [[0.0] * 6] * 4}, "image 0: pose: expected 7 numbers, found [0.0, 0.0"),
+        ({"poses": [[1, 1, 0, 1, 0, 0, 0]] * 4}, "image 0: the pose (transform_matrix) is not"),
+        ({"K": None}, "image 0: K: expected 9 numbers, found nothing."),
+        ({"w": "wide"}, "image 0: w is 'wide'; expected a number."),
+        ({"K": [-1.0] * 9}, "is no camera."),
+    ],
+)
+def test_malformed_cameras_are_refused(tmp_path, settings, message):
+    assert message in failure(write(tmp_path, **settings))
+
+
+def test_the_format_is_told_by_its_files_and_is_no_other(tmp_path):
+    assert "contains no metadata.json with rgb/" in failure(tmp_path)
+    assert Record3dConfig.detect(write(tmp_path)).found == "Record3D's metadata.json"
+    (tmp_path / "dataset.json").write_text("{}")
+    assert not Record3dConfig.detect(tmp_path).recognised
