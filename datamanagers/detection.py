@@ -10,17 +10,23 @@ from gsfw.datamanagers.images import EXTENSIONS
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 """Extensions of video files."""
+HEIC_EXTENSIONS = (".heic", ".heif", ".hif")
+"""Extensions of photos that only ``gsfw prepare`` reads."""
+PHOTOS = (*EXTENSIONS, *HEIC_EXTENSIONS)
+"""Extensions of all photos."""
 
 
 def describe_unrecognised(path: Path) -> str:
     """Describe the contents of a path that is no data set, with the remedy; else empty."""
     if path.suffix.lower() in VIDEOS:
         return _video(path)
+    if path.suffix.lower() == ".r3d":
+        return f"a recording of Record3D: unzip {shell_argument(path)} -d DIR, and give that folder"
     if not path.is_dir():
         return ""
     for folder in (path, path / "images", path / "input"):
         files = _files(folder)
-        images = [item for item in files if item.suffix.lower() in EXTENSIONS]
+        images = [item for item in files if item.suffix.lower() in PHOTOS]
         if images:
             where = "" if folder == path else f" in {folder.name}/"
             count = f"{len(images)} image{'s' * (len(images) != 1)}"

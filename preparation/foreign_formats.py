@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gsfw.datamanagers.detection import HEIC_EXTENSIONS
 from gsfw.datamanagers.images import EXTENSIONS
 
 
@@ -54,7 +55,6 @@ RAW_EXTENSIONS = (
 
 TWO_FISHEYE_EXTENSIONS = (".insp", ".insv")
 """Extensions of cameras with two lenses; .insp files are JPEG files by content."""
-HEIC_EXTENSIONS = (".heic", ".heif", ".hif")
 
 BY_EXTENSION = {
     **dict.fromkeys(HEIC_EXTENSIONS, HEIC),

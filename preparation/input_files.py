@@ -12,9 +12,8 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.links import followed
 from gsfw.core.words import suggestion
 from gsfw.datamanagers.camera_sequence import in_order
-from gsfw.datamanagers.detection import VIDEOS
+from gsfw.datamanagers.detection import PHOTOS, VIDEOS
 from gsfw.datamanagers.frames import name_key
-from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.masks import FOLDER as MASKS
 from gsfw.datamanagers.video import is_video
 
@@ -197,7 +196,7 @@ def _listed(folder: Path) -> list[Path]:
 
 def _is_footage(path: Path) -> bool:
     """True if its name says that it is an image or a video."""
-    return path.suffix.lower() in (*EXTENSIONS, *VIDEOS) and not _is_noise(path.name)
+    return path.suffix.lower() in (*PHOTOS, *VIDEOS) and not _is_noise(path.name)
 
 
 def _holds_footage(path: Path) -> bool:

@@ -11,8 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.color_profile import color_notes
-from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.images import EXTENSIONS
+from gsfw.datamanagers.detection import PHOTOS, VIDEOS
 from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
@@ -21,7 +20,6 @@ from gsfw.preparation.foreign_formats import (
     BRANDS,
     BY_EXTENSION,
     HEIC,
-    HEIC_EXTENSIONS,
     MISNAMED_VIDEO,
     PANORAMA,
     RAW,
@@ -107,8 +105,7 @@ def read_source(
 
 def _videos(files: Sequence[InputFile]) -> tuple[list[InputFile], list[LeftOut]]:
     """Videos to use, and others; a live photo is a photo and a clip of the same name."""
-    stills = (*EXTENSIONS, *HEIC_EXTENSIONS)
-    photos = {shot(file.name): file for file in files if file.path.suffix.lower() in stills}
+    photos = {shot(file.name): file for file in files if file.path.suffix.lower() in PHOTOS}
     videos, left_out = [], []
     for file in files:
         if not is_video(file.path):

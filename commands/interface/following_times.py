@@ -56,9 +56,8 @@ def layout_with_times(
 
 
 def _photos(inputs: Sequence[Path]) -> list[Path]:
-    from gsfw.datamanagers.images import EXTENSIONS
-    from gsfw.preparation.foreign_formats import HEIC_EXTENSIONS
+    from gsfw.datamanagers.detection import PHOTOS
     from gsfw.preparation.input_files import InputFiles
 
     found = (file.path for file in InputFiles.find(inputs).files)
-    return [path for path in found if path.suffix.lower() in (*EXTENSIONS, *HEIC_EXTENSIONS)]
+    return [path for path in found if path.suffix.lower() in PHOTOS]

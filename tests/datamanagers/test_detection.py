@@ -26,6 +26,15 @@ def test_images_without_cameras_lead_to_prepare(tmp_path):
     assert describe_unrecognised(tmp_path / "images").startswith("3 images, but no cameras")
 
 
+def test_photos_of_an_iphone_lead_to_prepare_and_its_recordings_to_unzip(tmp_path):
+    (tmp_path / "IMG_1.HEIC").touch()
+    assert describe_unrecognised(tmp_path).startswith("1 image, but no cameras; compute them with")
+    (tmp_path / "a.r3d").touch()
+    assert describe_unrecognised(tmp_path / "a.r3d") == (
+        f"a recording of Record3D: unzip {tmp_path / 'a.r3d'} -d DIR, and give that folder"
+    )
+
+
 def test_a_video_leads_to_prepare(tmp_path):
     (tmp_path / "walk.MP4").touch()
     for path in (tmp_path, tmp_path / "walk.MP4"):
