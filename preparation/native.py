@@ -27,8 +27,6 @@ SOURCE_LINE = re.compile(r"^\[[\w.]+:\d+\]\s*")
 """Source line of COLMAP at the beginning of its messages."""
 NEVER = 4
 """A level of severity that no line has."""
-LOG_TARGETS = ("alsologtostderr", "logtostderr", "stderrthreshold", "minloglevel")
-"""Settings of COLMAP's log that say which lines reach the terminal."""
 
 
 def load_colmap() -> None:
@@ -136,20 +134,3 @@ def log_into(folder: Path) -> None:
     logging.set_log_destination(logging.INFO, str(folder / "colmap-"))
     for level in (logging.WARNING, logging.ERROR, logging.FATAL):
         logging.set_log_destination(level, "")
-
-
-@contextmanager
-def same_log() -> Iterator[None]:
-    """Let COLMAP log to where it did before, once the block has ended.
-
-    ``pycolmap.bundle_adjustment`` resets COLMAP's log to its defaults, which include the terminal,
-    before its own lines. These few still reach it.
-    """
-    from pycolmap import logging
-
-    targets = {name: getattr(logging, name) for name in LOG_TARGETS}
-    try:
-        yield
-    finally:
-        for name, value in targets.items():
-            setattr(logging, name, value)

@@ -19,7 +19,6 @@ from gsfw.preparation.mapping.incremental_mapping import RELAXED, Models, increm
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.observations import Observations
 from gsfw.preparation.match_list import Pair
-from gsfw.preparation.native import same_log
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction, Rigid3d, Sim3d
@@ -242,6 +241,8 @@ def adjusted(
 ) -> Reconstruction:
     """A model after bundle adjustment of all that it has: the same object.
 
+    An interruption takes effect after the adjustment.
+
     Args:
         model: a pycolmap.Reconstruction.
         rule: whether focal lengths are computed, and by how many threads.
@@ -255,10 +256,14 @@ def adjusted(
     options.refine_principal_point = principal_point
     options.ceres.solver_options.num_threads = rule.jobs
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    with same_log():
-        cancellable(
-            lambda token: pycolmap.bundle_adjustment(model, options, cancellation_token=token)
-        )
+    pycolmap.ObservationManager(model).filter_observations_with_negative_depth()
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    # ``pycolmap.bundle_adjustment`` does the same, and lets COLMAP's log onto the terminal.
+    adjuster = pycolmap.create_default_bundle_adjuster(options, config, model)
+    cancellable(lambda token: adjuster.solve())
     model.update_point_3d_errors()
     return model
 

@@ -50,15 +50,19 @@ def test_a_model_may_join_by_what_another_one_brought(
     assert capture.errors(models[0])[0] < 0.1
 
 
-def test_adjusting_a_model_leaves_the_log_of_colmap_where_it_was(
-    capture: MatchedCapture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_adjusting_a_model_prints_nothing(
+    capture: MatchedCapture,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     model = partial_model(capture, tmp_path / "parts", range(1, 4))
-    monkeypatch.setattr(pycolmap.logging, "alsologtostderr", False)
-    monkeypatch.setattr(pycolmap.logging, "minloglevel", 2)
+    for name, value in (("alsologtostderr", False), ("logtostderr", False), ("stderrthreshold", 4)):
+        monkeypatch.setattr(pycolmap.logging, name, value)
+    capfd.readouterr()
     adjusted(model, RULE)
+    assert capfd.readouterr() == ("", "")
     assert not pycolmap.logging.alsologtostderr
-    assert pycolmap.logging.minloglevel == 2
 
 
 def test_models_that_share_nothing_stay_apart(capture: MatchedCapture, tmp_path: Path) -> None:
