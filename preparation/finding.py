@@ -74,3 +74,17 @@ def listed(names: tuple[str, ...]) -> str:
     """Some names for a sentence, and how many more there are."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return ", ".join(names[:SHOWN]) + more
+
+
+def remedies(items: Iterable[tuple[str, str]]) -> list[str]:
+    """All remedies, each once and with its purpose where there are several.
+
+    Args:
+        items: a file or a reason, and its remedy.
+    """
+    needs: dict[str, list[str]] = {}
+    for item, remedy in items:
+        needs.setdefault(remedy, []).append(item)
+    if len(needs) < 2:
+        return list(needs)
+    return [f"{listed(tuple(names))}: {remedy}" for remedy, names in needs.items()]

@@ -15,7 +15,7 @@ from gsfw.datamanagers.detection import PHOTOS, VIDEOS
 from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
-from gsfw.preparation.finding import listed
+from gsfw.preparation.finding import listed, remedies
 from gsfw.preparation.foreign_formats import (
     BRANDS,
     BY_EXTENSION,
@@ -180,7 +180,7 @@ def _nothing(
     for reason in (reason for reason, _ in reasons.most_common() if reason not in FOREIGN):
         names = tuple(item.name for item in left_out if item.reason == reason)
         found.append(f"{listed(names)}: {reason}.")
-    advice = list(dict.fromkeys(item.advice for item in left_out if item.advice))
+    advice = remedies((item.name, item.advice) for item in left_out if item.advice)
     return DataError(
         f"{listed(tuple(str(path) for path in paths))}: there is no image and no video that can "
         f"be used. {' '.join(found or ['There are no files.'])}",

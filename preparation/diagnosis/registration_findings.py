@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight, listed, remedies
 
 MOST = 0.9
 """Part of the images that a capture without fault places: fox and plush place all."""
@@ -69,7 +69,7 @@ def _unplaced(evidence: Evidence) -> Finding:
         "What only the others show will be missing."
         if weight is not Weight.STOP
         else "What is left is too small a part of what was photographed.",
-        _remedies([(reason, first[reason]) for reason, _ in reasons]),
+        " ".join(remedies((reason, first[reason]) for reason, _ in reasons)),
         tuple(item.name for item in missed),
     )
 
@@ -150,7 +150,7 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
         for reason, _ in counts[:SHOWN]
     )
     more = f"; {len(counts) - SHOWN} more reasons are in the report" if counts[SHOWN:] else ""
-    advice = _remedies([(item.name, item.advice) for item in lost])
+    advice = " ".join(remedies((item.name, item.advice) for item in lost))
     yield Finding(
         "files left out",
         Weight.LIMIT if len(lost) > MANY * files else Weight.NOTE,
@@ -158,17 +158,3 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
         "What only they show will be missing." if lost else "Nothing is missing without them.",
         advice or "Nothing needs to be done.",
     )
-
-
-def _remedies(items: Sequence[tuple[str, str]]) -> str:
-    """All remedies, each with its purpose where there are several.
-
-    Args:
-        items: a file or a reason, and its remedy.
-    """
-    needs: dict[str, list[str]] = {}
-    for item, remedy in items:
-        needs.setdefault(remedy, []).append(item)
-    if len(needs) < 2:
-        return "".join(needs)
-    return " ".join(f"{listed(tuple(names))}: {remedy}" for remedy, names in needs.items())
