@@ -123,8 +123,7 @@ def _tracks(figures: ModelFigures) -> Iterator[Finding]:
 
 
 def _parallel_views(figures: ModelFigures) -> Iterator[Finding]:
-    computed = [camera for camera in figures.cameras if not _is_known(camera)]
-    if computed and figures.baselines.view_spread < PARALLEL:
+    if has_computed_focal(figures) and figures.baselines.view_spread < PARALLEL:
         yield Finding(
             "parallel views",
             Weight.LIMIT,
@@ -136,6 +135,11 @@ def _parallel_views(figures: ModelFigures) -> Iterator[Finding]:
             "Give the focal length (focal=PIXELS refine_focal=false), or add images that look at "
             "the same things from the side, such as a second flight with a tilted camera.",
         )
+
+
+def has_computed_focal(figures: ModelFigures) -> bool:
+    """True if a focal length is neither the given one nor confirmed by EXIF."""
+    return not all(_is_known(camera) for camera in figures.cameras)
 
 
 def _is_known(camera: CameraFigures) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gsfw.preparation.blur import all_blurred, motion_findings
-from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS
+from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS, has_computed_focal
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.unregistered import APART, is_copy
@@ -27,6 +27,10 @@ MOST_FLAT = 0.95
 """Part of those pairs that fit a plane: 136 of 272 of fox and plush."""
 FEW_PAIRS = 3
 """Pairs that tell nothing yet."""
+TILTED = 10.0
+"""Degrees between a view and the mean of all from which on views of a plane tell the focal length:
+in 8 simulated flights over a plane (15 images, 600 points, noise of half a pixel of 1024) it was
+off by at most 2 % at 10 degrees and more, by 11 % at 6, and by 26 % at 2.5."""
 
 
 def view_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -81,21 +85,33 @@ def _turns_or_plane(evidence: Evidence) -> Iterator[Finding]:
             "Depth needs images from different places; such images make a panorama, and no model.",
             "Walk sideways around the scene while you take photos.",
         )
-    elif len(across) >= FEW_PAIRS and _share(across, turned=False) > MOST_FLAT:
+    elif (
+        len(across) >= FEW_PAIRS
+        and _share(across, turned=False) > MOST_FLAT
+        and _leaves_focal_open(evidence)
+    ):
         yield Finding(
             "flat scene",
             Weight.LIMIT,
             f"In {100 * _share(across, turned=False):.0f} % of {len(across)} pairs of images all "
             "matches lie in one plane.",
             "From a plane alone, focal length and depth cannot be told apart for sure.",
-            "Include things in front of the wall or on the ground, or give the focal length "
-            "(focal=PIXELS refine_focal=false).",
+            "Add images that look at it obliquely, include things in front of it, or give the "
+            "focal length: gsfw prepare IMAGES out=DIR focal=PIXELS refine_focal=false.",
         )
 
 
 def _is_solid(evidence: Evidence) -> bool:
     """True if there is a model of more than points by chance."""
     return evidence.figures is not None and evidence.figures.points >= FEWEST_POINTS
+
+
+def _leaves_focal_open(evidence: Evidence) -> bool:
+    """True if the views of a plane have not told its focal length."""
+    figures = evidence.figures
+    if figures is None or not _is_solid(evidence):
+        return True
+    return has_computed_focal(figures) and figures.baselines.view_spread < TILTED
 
 
 def _share(links: list[Link], turned: bool) -> float:

@@ -45,6 +45,7 @@ from gsfw.preparation.source import read_source
 pytestmark = pytest.mark.slow
 
 Pixels = np.ndarray
+SHARP = ImageQuality(0.01, 0.5, 0.2, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -371,8 +372,7 @@ def test_distortion_that_no_lens_has_is_told():
 
 def test_a_wall_and_a_watermark_are_told():
     links = tuple(Link(a, b, 90, 80, 0.2, flat=True) for a, b in ("ab", "bc", "ac"))
-    nothing = ImageQuality(0.0, 0.5, 0.2, 0.0)
-    features = {name: FeatureReport(500, nothing, 0.0, 1.0) for name in "abc"}
+    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
     graph = MatchGraph(tuple("abc"), links, 0.3)
     flat, still = view_findings(Evidence(ImageSet(()), (), features, graph, (), None))
     assert (flat.kind, still.kind) == ("flat scene", "something stands still")
@@ -380,6 +380,20 @@ def test_a_wall_and_a_watermark_are_told():
     assert still.found == (
         "30 % of the matches of two images stay in place while the view moves (median)."
     )
+
+
+@pytest.mark.parametrize(
+    ("spread", "origin", "found"), [(8.0, "", ["flat scene"]), (40.0, "", []), (8.0, "EXIF", [])]
+)
+def test_tilted_views_of_a_wall_and_exif_tell_the_focal_length(spread, origin, found):
+    links = tuple(Link(a, b, 90, 80, 0.2, flat=True) for a, b in ("ab", "bc", "ac"))
+    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
+    camera = replace(figures().cameras[0], focal_origin=origin)
+    baselines = replace(figures().baselines, view_spread=spread)
+    model = figures(baselines=baselines, cameras=(camera,))
+    models = (frozenset("abc"),)
+    evidence = Evidence(ImageSet(()), (), features, MatchGraph(tuple("abc"), links), models, model)
+    assert [finding.kind for finding in view_findings(evidence)] == found
 
 
 def test_files_that_need_nothing_to_be_done_are_a_note():
