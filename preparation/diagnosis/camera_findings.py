@@ -12,6 +12,8 @@ import numpy as np
 
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
+from gsfw.preparation.diagnosis.own_focals import UNLIKE
+from gsfw.preparation.diagnosis.unregistered import PER_IMAGE
 from gsfw.preparation.finding import Finding, Weight, listed
 from gsfw.preparation.parallel_views import PARALLEL
 
@@ -25,9 +27,6 @@ BAD_IMAGE, BAD_ERROR = 2.0, 1.5
 """An image fits badly from so many usual errors and pixels on."""
 SHORT_TRACK = 3.0
 """Images that see a point, mean: two that see a point agree on it whatever their poses are."""
-UNLIKE = 1.15
-"""Ratio of two focal lengths of one lens that are too different: autofocus moves it by some per
-cent."""
 SURE = 3
 """Images from which a focal length is computed that others can be compared with."""
 BENT = 0.5
@@ -43,6 +42,7 @@ def camera_findings(evidence: Evidence) -> Iterator[Finding]:
     if figures.points < FEWEST_POINTS:
         yield _hollow(figures)
         return
+    yield from _own_focals(figures)
     yield from _errors(figures)
     yield from _stretch(figures)
     yield from _tracks(figures)
@@ -64,6 +64,24 @@ def _hollow(figures: ModelFigures) -> Finding:
     )
 
 
+def _own_focals(figures: ModelFigures) -> Iterator[Finding]:
+    own = figures.own_focals
+    if own:
+        shared = " and ".join(f"{camera.focal:.0f}" for camera in figures.cameras)
+        count = f"{len(own)} of {figures.registered} images fit"
+        yield Finding(
+            "several focal lengths",
+            Weight.LIMIT,
+            f"{count} far better with another focal length than the one computed for all of a "
+            f"camera ({shared} pixels): with {min(own.values()):.0f} to {max(own.values()):.0f} "
+            f"pixels: {listed(tuple(own))}.",
+            "The lens was zoomed or exchanged, and that was computed as a movement of the camera: "
+            "poses are wrong, and images are missing.",
+            PER_IMAGE,
+            tuple(own),
+        )
+
+
 def _errors(figures: ModelFigures) -> Iterator[Finding]:
     if figures.error > LARGE_ERROR:
         yield Finding(
@@ -79,7 +97,11 @@ def _errors(figures: ModelFigures) -> Iterator[Finding]:
     usual = float(np.median(list(figures.errors.values())))
     limit = max(BAD_IMAGE * usual, BAD_ERROR)
     bad = sorted(
-        (name for name, error in figures.errors.items() if error > limit),
+        (
+            name
+            for name, error in figures.errors.items()
+            if error > limit and name not in figures.own_focals
+        ),
         key=lambda name: -figures.errors[name],
     )
     if bad:
@@ -96,7 +118,8 @@ def _errors(figures: ModelFigures) -> Iterator[Finding]:
 
 def _stretch(figures: ModelFigures) -> Iterator[Finding]:
     stretch = figures.stretch
-    if stretch.is_suspicious:
+    # One focal length for images of several stretches each in another way, too.
+    if stretch.is_suspicious and not figures.own_focals:
         yield Finding(
             "rolling shutter",
             Weight.LIMIT,

@@ -78,7 +78,8 @@ class Evidence:
     @cached_property
     def unregistered(self) -> tuple[Unregistered, ...]:
         """The other images."""
-        return why_unregistered(self.images, self.features, self.graph, self.models)
+        one_focal = any(len(group.images) > 1 and not group.focal_origin for group in self.groups)
+        return why_unregistered(self.images, self.features, self.graph, self.models, one_focal)
 
     @cached_property
     def components(self) -> tuple[Component, ...]:

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from gsfw.preparation.camera_grouping import CameraGroup
-from gsfw.preparation.diagnosis.residuals import Stretch, residuals_of, stretch_of
+from gsfw.preparation.diagnosis.own_focals import own_focals
+from gsfw.preparation.diagnosis.residuals import Stretch, errors_of, residuals_of, stretch_of
 from gsfw.preparation.mapping.observations import Observations
 from gsfw.preparation.parallel_views import view_spread
 
@@ -116,6 +117,8 @@ class ModelFigures:
     cameras: tuple[CameraFigures, ...]
     stretch: Stretch
     """Stretch of images by their own motion, as of a rolling shutter."""
+    own_focals: dict[str, float]
+    """Focal lengths in pixels of images that surely have another than their camera, by name."""
 
     @staticmethod
     def of(model: Reconstruction, groups: Sequence[CameraGroup] = ()) -> ModelFigures:
@@ -127,26 +130,19 @@ class ModelFigures:
         """
         seen = Observations.of(model)
         names = [model.image(int(number)).name for number in seen.image_ids]
-        counts = seen.counts
         places, offsets = residuals_of(model, seen)
-        residuals = np.linalg.norm(offsets, axis=1)
-        sums = np.bincount(seen.images, residuals, minlength=len(names))
-        means = sums / np.maximum(counts, 1)
         return ModelFigures(
             registered=len(names),
             points=len(seen.positions),
             observations=len(seen.points),
-            error=_mean(residuals),
-            errors={
-                name: float(mean)
-                for name, mean, count in zip(names, means, counts, strict=True)
-                if count
-            },
-            seen=dict(zip(names, counts.tolist(), strict=True)),
+            error=_mean(np.linalg.norm(offsets, axis=1)),
+            errors=errors_of(model, seen, offsets),
+            seen=dict(zip(names, seen.counts.tolist(), strict=True)),
             tracks=_tracks(model, seen),
             baselines=_baselines(model, seen),
             cameras=_cameras(model, groups),
             stretch=stretch_of(model, seen, places, offsets),
+            own_focals=own_focals(model),
         )
 
     def document(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
+from gsfw.preparation.diagnosis.unregistered import PER_IMAGE
 from gsfw.preparation.finding import Finding, Weight, listed, remedies
 
 MOST = 0.9
@@ -62,6 +63,9 @@ def _unplaced(evidence: Evidence) -> Finding:
         weight = Weight.STOP
     reasons = Counter(item.reason for item in missed).most_common(SHOWN)
     first = {item.reason: item.advice for item in reversed(missed)}
+    advice = " ".join(remedies((reason, first[reason]) for reason, _ in reasons))
+    if evidence.figures is not None and evidence.figures.own_focals:
+        advice = PER_IMAGE
     return Finding(
         "images not placed",
         weight,
@@ -69,7 +73,7 @@ def _unplaced(evidence: Evidence) -> Finding:
         "What only the others show will be missing."
         if weight is not Weight.STOP
         else "What is left is too small a part of what was photographed.",
-        " ".join(remedies((reason, first[reason]) for reason, _ in reasons)),
+        advice,
         tuple(item.name for item in missed),
     )
 

@@ -75,6 +75,18 @@ def residuals_of(
     return places, places - projected
 
 
+def errors_of(
+    model: Reconstruction, seen: Observations, residuals: Float64[np.ndarray, "o 2"]
+) -> dict[str, float]:
+    """Mean reprojection error in pixels of each image that sees a point, by name."""
+    sums = np.bincount(seen.images, np.linalg.norm(residuals, axis=1))
+    counts = np.bincount(seen.images)
+    return {
+        model.image(int(seen.image_ids[place])).name: float(sums[place] / counts[place])
+        for place in np.flatnonzero(counts)
+    }
+
+
 def stretch_of(
     model: Reconstruction,
     seen: Observations,

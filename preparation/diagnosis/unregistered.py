@@ -36,6 +36,12 @@ SMALL = 800
 MATCHED = 100
 """Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
+PER_IMAGE = (
+    "Compute the cameras again with a focal length for each image: gsfw prepare IMAGES out=DIR "
+    "cameras=per-image; or sort the images of each focal length into a folder of its own, and use "
+    "cameras=per-folder."
+)
+"""Remedy for images of several focal lengths that share a camera."""
 TEXTURE = "Include something with texture: step back, or put patterned things there."
 COPIED = 0.6
 """Least part of verified matches among the poorer image's features of two copies: with other
@@ -93,6 +99,7 @@ def why_unregistered(
     features: Mapping[str, FeatureReport],
     graph: MatchGraph,
     models: Iterable[frozenset[str]] = (),
+    assumes_one_focal: bool = False,
 ) -> tuple[Unregistered, ...]:
     """The images that the largest model lacks, in the order of the set.
 
@@ -101,8 +108,9 @@ def why_unregistered(
         features: of each.
         graph: of the same.
         models: names of the images in each model, the largest first.
+        assumes_one_focal: whether images of unknown focal lengths share one.
     """
-    inquiry = Inquiry(images, features, graph, tuple(models))
+    inquiry = Inquiry(images, features, graph, tuple(models), assumes_one_focal)
     return tuple(inquiry.into(name) for name in graph.names if name not in inquiry.placed)
 
 
@@ -125,6 +133,7 @@ class Inquiry:
     features: Mapping[str, FeatureReport]
     graph: MatchGraph
     models: tuple[frozenset[str], ...]
+    assumes_one_focal: bool
 
     @property
     def placed(self) -> frozenset[str]:
@@ -364,6 +373,8 @@ class Inquiry:
             advice = "Crop or mask what is in the same place in all images."
         elif not self.placed:
             why = "but no model of more than a few points came of it"
+            if self.assumes_one_focal and best is not None and best.verified >= MATCHED:
+                advice = f"If the lens was zoomed or exchanged: {PER_IMAGE} If not: {advice}"
         else:
             why = "but too few of them are on points that the model has"
         return self._because(name, "matched, but not placed", f"{partner}, {why}.", advice)

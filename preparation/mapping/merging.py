@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gsfw.preparation.cancellation import cancellable
+from gsfw.preparation.mapping.bundle_adjustment import adjust, adjustment_options
 from gsfw.preparation.mapping.incremental_mapping import RELAXED, Models, incremental_options
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.observations import Observations
@@ -241,30 +242,15 @@ def adjusted(
 ) -> Reconstruction:
     """A model after bundle adjustment of all that it has: the same object.
 
-    An interruption takes effect after the adjustment.
-
     Args:
         model: a pycolmap.Reconstruction.
         rule: whether focal lengths are computed, and by how many threads.
         principal_point: whether principal points are computed.
     """
-    import pycolmap
-
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
+    options = adjustment_options(rule.jobs)
     options.refine_focal_length = rule.refine_focal
     options.refine_principal_point = principal_point
-    options.ceres.solver_options.num_threads = rule.jobs
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    pycolmap.ObservationManager(model).filter_observations_with_negative_depth()
-    config = pycolmap.BundleAdjustmentConfig()
-    for number in model.reg_image_ids():
-        config.add_image(number)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    # ``pycolmap.bundle_adjustment`` does the same, and lets COLMAP's log onto the terminal.
-    adjuster = pycolmap.create_default_bundle_adjuster(options, config, model)
-    cancellable(lambda token: adjuster.solve())
-    model.update_point_3d_errors()
+    adjust(model, options)
     return model
 
 

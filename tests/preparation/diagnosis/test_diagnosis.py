@@ -262,6 +262,7 @@ def figures(**changes: object) -> ModelFigures:
         baselines=BaselineFigures(2.0, 0.1, 6.0, 60.0, 3.0),
         cameras=(camera,),
         stretch=Stretch(0.1, 1.0, 0.5, 1000),
+        own_focals={},
     )
     return replace(usual, **changes)
 
@@ -317,6 +318,30 @@ def test_images_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter
         "times what noise explains."
     )
     assert "Things that move in the scene have the same effect." in finding.why
+
+
+def test_images_of_another_focal_length_are_named_and_are_no_rolling_shutter():
+    errors = {**figures().errors, "9.jpg": 3.0}
+    stretch = Stretch(0.8, 30.0, 0.5, 1000)
+    zoomed = figures(own_focals={"9.jpg": 1500.0, "3.jpg": 1512.0}, errors=errors, stretch=stretch)
+    (finding,) = found_in(zoomed)
+    assert finding.kind == "several focal lengths"
+    assert finding.found == (
+        "2 of 50 images fit far better with another focal length than the one computed for all of "
+        "a camera (900 pixels): with 1500 to 1512 pixels: 9.jpg, 3.jpg."
+    )
+    assert "cameras=per-image" in finding.advice
+
+
+def test_missing_images_beside_several_focal_lengths_have_their_remedy():
+    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
+    models = (frozenset("ab"),)
+    zoomed = figures(own_focals={"b": 1500.0})
+    header = Header(1000, 800, False)
+    images = ImageSet(tuple(SourceImage(name, Path(name), header, Exif()) for name in "abc"))
+    evidence = Evidence(images, (), features, MatchGraph(tuple("abc"), ()), models, zoomed)
+    (finding,) = registration_findings(evidence)
+    assert finding.advice.startswith("Compute the cameras again with a focal length for each")
 
 
 def test_focal_lengths_are_compared_with_what_was_said():

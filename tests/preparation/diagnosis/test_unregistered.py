@@ -31,6 +31,7 @@ def why(
     placed: tuple[str, ...] = PLACED,
     models: tuple[frozenset[str], ...] = (),
     still: float = 0.0,
+    one_focal: bool = False,
     header: Header = Header(1000, 500, False),  # noqa: B008 - it is frozen.
 ) -> Unregistered:
     """Why image x is not placed, beside a usual a, b, c and d."""
@@ -39,7 +40,7 @@ def why(
     reports = {name: report() for name in names[:-1]} | {"x": other}
     graph = MatchGraph(names, links, still)
     largest = (frozenset(placed),) if placed else ()
-    return why_unregistered(images, reports, graph, (*largest, *models))[-1]
+    return why_unregistered(images, reports, graph, (*largest, *models), one_focal)[-1]
 
 
 def test_an_image_that_does_not_decode_says_why():
@@ -172,6 +173,14 @@ def test_without_a_model_blur_is_judged_by_itself():
     assert rest.found == (
         "It has 50 verified matches with a, but no model of more than a few points came of it."
     )
+
+
+def test_images_that_match_well_without_a_model_may_have_several_focal_lengths():
+    links = [Link(name, "x", 900, 640, 0.2) for name in "ab"]
+    shared = why(report(), *links, placed=(), one_focal=True)
+    assert shared.reason == "matched, but not placed"
+    assert shared.advice.startswith("If the lens was zoomed or exchanged: Compute the cameras ")
+    assert "cameras=per-image" not in why(report(), *links, placed=()).advice
 
 
 def test_documents_are_plain_data():

@@ -1,0 +1,79 @@
+"""Own focal lengths: images that fit only with another focal length than the one of their camera.
+
+A zoom or a second lens among images that share a camera is computed as a movement of the camera.
+One more bundle adjustment, in which each image has a focal length of its own, undoes that.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gsfw.preparation.diagnosis.residuals import errors_of, residuals_of
+from gsfw.preparation.mapping.bundle_adjustment import adjust, adjustment_options
+from gsfw.preparation.mapping.observations import Observations
+
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
+
+UNLIKE = 1.15
+"""Ratio of two focal lengths of one lens that are too different: autofocus moves it by some per
+cent. Own focal lengths of fox are within 1.04, of plush 1.05, of rendered images with a rolling
+shutter 1.09, and over a plane, which leaves them open, anything."""
+EXPLAINED = 0.6
+"""Part of an image's error that its own focal length may leave: 0.14 to 0.48 of rendered images
+with a zoom of 1.7 or 2.2; 0.73 and more of all other images whose own is so different."""
+MOST_OBSERVATIONS = 40_000
+"""Points are left out beyond this: an adjustment of 27,000 observations takes three seconds of a
+core."""
+ITERATIONS = 15
+
+
+def own_focals(model: Reconstruction) -> dict[str, float]:
+    """Focal lengths in pixels by image, of those that surely have another than their camera."""
+    used = [model.image(number).camera_id for number in model.reg_image_ids()]
+    if len(set(used)) == len(used):
+        return {}
+    shared, single = _sampled(model, own=False), _sampled(model, own=True)
+    before = _errors(shared)
+    options = adjustment_options(jobs=1)
+    options.refine_extra_params = False
+    options.ceres.solver_options.max_num_iterations = ITERATIONS
+    adjust(single, options)
+    after = _errors(single)
+    found = {}
+    for number in sorted(single.reg_image_ids()):
+        image = single.image(number)
+        focal = single.camera(image.camera_id).mean_focal_length()
+        ratio = focal / shared.camera(shared.image(number).camera_id).mean_focal_length()
+        is_better = after.get(image.name, np.inf) < EXPLAINED * before.get(image.name, 0.0)
+        if is_better and max(ratio, 1 / ratio) > UNLIKE:
+            found[image.name] = float(focal)
+    return found
+
+
+def _errors(model: Reconstruction) -> dict[str, float]:
+    seen = Observations.of(model)
+    return errors_of(model, seen, residuals_of(model, seen)[1])
+
+
+def _sampled(model: Reconstruction, own: bool) -> Reconstruction:
+    """A copy with as many points as there is time for; ``own``: a camera for each image."""
+    import pycolmap
+
+    copy = pycolmap.Reconstruction()
+    for number in sorted(model.reg_image_ids()):
+        image = model.image(number)
+        camera = pycolmap.Camera(model.camera(image.camera_id).todict())
+        camera.camera_id = number if own else image.camera_id
+        if not copy.exists_camera(camera.camera_id):
+            copy.add_camera_with_trivial_rig(camera)
+        places = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        taken = pycolmap.Image(image.name, places, camera.camera_id, number)
+        copy.add_image_with_trivial_frame(taken, image.cam_from_world())
+    step = 1 + model.compute_num_observations() // MOST_OBSERVATIONS
+    for number in sorted(model.point3D_ids())[::step]:
+        point = model.point3D(number)
+        copy.add_point3D(point.xyz, point.track)
+    return copy

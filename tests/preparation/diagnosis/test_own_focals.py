@@ -1,0 +1,72 @@
+"""Own focal lengths, on models whose images were taken with known ones."""
+
+from typing import Any
+
+import numpy as np
+import pycolmap
+import pytest
+from support.checked_captures import looking_at
+
+from gsfw.preparation.diagnosis.own_focals import own_focals
+
+FOCAL, WIDTH, HEIGHT = 400.0, 640, 480
+NOISE = 0.3
+VIEWS = 8
+
+
+def model_of(focals: dict[int, float], thickness: float = 1.0, own: bool = False) -> Any:
+    """A model of one focal length for all, whose other images have been moved towards the points.
+
+    Args:
+        focals: with which images were taken, by their numbers; ``FOCAL`` for the others.
+        thickness: of the points across a plane.
+        own: whether each image has a camera of its own, with the right focal length.
+    """
+    generator = np.random.default_rng(0)
+    points = generator.uniform(-1, 1, (150, 3)) * (1, 1, thickness)
+    model = pycolmap.Reconstruction()
+    tracks = [pycolmap.Track() for _ in points]
+    for number in range(1, VIEWS + 1):
+        taken = focals.get(number, FOCAL)
+        angle = np.radians(15 * number)
+        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 2 + number % 2])
+        pose = looking_at(center, 0.2 * generator.normal(size=3))
+        local = points @ pose[:3, :3].T + pose[:3, 3]
+        places = taken * local[:, :2] / local[:, 2:] + (WIDTH / 2, HEIGHT / 2)
+        places += generator.normal(0, NOISE, places.shape)
+        focal = taken if own else FOCAL
+        pose[2, 3] *= focal / taken
+        camera = number if own else 1
+        if not model.exists_camera(camera):
+            intrinsics = [focal, WIDTH / 2, HEIGHT / 2]
+            model.add_camera_with_trivial_rig(
+                pycolmap.Camera(
+                    camera_id=camera,
+                    model="SIMPLE_PINHOLE",
+                    width=WIDTH,
+                    height=HEIGHT,
+                    params=intrinsics,
+                )
+            )
+        image = pycolmap.Image(f"{number}.jpg", places, camera, number)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+        for place, track in enumerate(tracks):
+            track.add_element(number, place)
+    for point, track in zip(points, tracks, strict=True):
+        model.add_point3D(point, track)
+    return model
+
+
+def test_images_of_another_focal_length_are_found_with_it() -> None:
+    found = own_focals(model_of({3: 700.0, 6: 700.0}))
+    assert list(found) == ["3.jpg", "6.jpg"]
+    assert list(found.values()) == pytest.approx([700.0, 700.0], rel=0.03)
+
+
+@pytest.mark.parametrize("thickness", [1.0, 0.0])
+def test_one_focal_length_for_all_is_enough_for_one_lens(thickness: float) -> None:
+    assert own_focals(model_of({}, thickness)) == {}
+
+
+def test_cameras_of_single_images_have_their_own_already() -> None:
+    assert own_focals(model_of({3: 700.0}, own=True)) == {}
