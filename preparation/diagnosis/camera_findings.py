@@ -42,7 +42,6 @@ def camera_findings(evidence: Evidence) -> Iterator[Finding]:
     if figures.points < FEWEST_POINTS:
         yield _hollow(figures)
         return
-    yield from _own_focals(figures)
     yield from _errors(figures)
     yield from _stretch(figures)
     yield from _tracks(figures)
@@ -50,6 +49,27 @@ def camera_findings(evidence: Evidence) -> Iterator[Finding]:
     yield from _focal_guesses(figures)
     yield from _focals_of_one_lens(evidence, figures)
     yield from _distortion(figures)
+
+
+def focal_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Images of another focal length, which others of the findings follow from."""
+    figures = evidence.figures
+    if figures is None or not figures.own_focals:
+        return
+    own = figures.own_focals
+    shared = " and ".join(f"{camera.focal:.0f}" for camera in figures.cameras)
+    low, high = f"{min(own.values()):.0f}", f"{max(own.values()):.0f}"
+    yield Finding(
+        "several focal lengths",
+        Weight.LIMIT,
+        f"{len(own)} of {figures.registered} images fit far better with a focal length of "
+        f"{low if low == high else f'{low} to {high}'} pixels than with the one computed for all "
+        f"of a camera ({shared}): {listed(tuple(own))}.",
+        "The lens was zoomed or exchanged, and that was computed as a movement of the camera: "
+        "poses are wrong, and images may be missing.",
+        PER_IMAGE,
+        tuple(own),
+    )
 
 
 def _hollow(figures: ModelFigures) -> Finding:
@@ -62,24 +82,6 @@ def _hollow(figures: ModelFigures) -> Finding:
         "Take sharp images of something with texture, from places around it, each overlapping "
         "the next by two thirds.",
     )
-
-
-def _own_focals(figures: ModelFigures) -> Iterator[Finding]:
-    own = figures.own_focals
-    if own:
-        shared = " and ".join(f"{camera.focal:.0f}" for camera in figures.cameras)
-        count = f"{len(own)} of {figures.registered} images fit"
-        yield Finding(
-            "several focal lengths",
-            Weight.LIMIT,
-            f"{count} far better with another focal length than the one computed for all of a "
-            f"camera ({shared} pixels): with {min(own.values()):.0f} to {max(own.values()):.0f} "
-            f"pixels: {listed(tuple(own))}.",
-            "The lens was zoomed or exchanged, and that was computed as a movement of the camera: "
-            "poses are wrong, and images are missing.",
-            PER_IMAGE,
-            tuple(own),
-        )
 
 
 def _errors(figures: ModelFigures) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.preparation.camera_grouping import CameraGroup
-from gsfw.preparation.diagnosis.camera_findings import camera_findings
+from gsfw.preparation.diagnosis.camera_findings import camera_findings, focal_findings
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
@@ -21,7 +21,7 @@ from gsfw.preparation.finding import Finding, Verdict, sorted_findings
 from gsfw.preparation.image_set import ImageSet, LeftOut
 from gsfw.preparation.mapping.mapping import Mapping as CameraMapping
 
-JUDGES = (registration_findings, view_findings, camera_findings)
+JUDGES = (focal_findings, registration_findings, view_findings, camera_findings)
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,11 @@ class Evidence:
         """Number of images, including those that do not decode."""
         return len(self.graph.names)
 
+    @property
+    def has_own_focals(self) -> bool:
+        """True if images surely have another focal length than their camera."""
+        return self.figures is not None and bool(self.figures.own_focals)
+
     @cached_property
     def registered(self) -> tuple[str, ...]:
         """Images that the largest model has, in the order of the set."""

@@ -64,7 +64,7 @@ def _unplaced(evidence: Evidence) -> Finding:
     reasons = Counter(item.reason for item in missed).most_common(SHOWN)
     first = {item.reason: item.advice for item in reversed(missed)}
     advice = " ".join(remedies((reason, first[reason]) for reason, _ in reasons))
-    if evidence.figures is not None and evidence.figures.own_focals:
+    if evidence.has_own_focals:
         advice = PER_IMAGE
     return Finding(
         "images not placed",
@@ -122,7 +122,8 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
         ):
             weak.append((model, evidence.graph.bridge(ours, theirs)))
         reached.append(model)
-    if weak:
+    # Photos in between would not join images of several focal lengths.
+    if weak and not evidence.has_own_focals:
         sizes = _and([len(model) for model, _ in weak])
         advice = "; ".join(bridge.advice for _, bridge in weak[:SHOWN])
         yield Finding(

@@ -16,7 +16,7 @@ from gsfw.core.files.json_text import json_text
 from gsfw.core.maths.camera_path import look_at
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.camera_grouping import CameraGroup, CameraRule, group_cameras
-from gsfw.preparation.diagnosis.camera_findings import camera_findings
+from gsfw.preparation.diagnosis.camera_findings import camera_findings, focal_findings
 from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose, words_of
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
@@ -280,7 +280,8 @@ def found_in(model: ModelFigures) -> list[Finding]:
         for number in (1, 2)
     )
     graph = MatchGraph(("1.jpg", "2.jpg"), ())
-    return list(camera_findings(Evidence(ImageSet(images), groups, {}, graph, (), model)))
+    evidence = Evidence(ImageSet(images), groups, {}, graph, (), model)
+    return [*focal_findings(evidence), *camera_findings(evidence)]
 
 
 def test_a_usual_model_has_no_findings():
@@ -327,8 +328,8 @@ def test_images_of_another_focal_length_are_named_and_are_no_rolling_shutter():
     (finding,) = found_in(zoomed)
     assert finding.kind == "several focal lengths"
     assert finding.found == (
-        "2 of 50 images fit far better with another focal length than the one computed for all of "
-        "a camera (900 pixels): with 1500 to 1512 pixels: 9.jpg, 3.jpg."
+        "2 of 50 images fit far better with a focal length of 1500 to 1512 pixels than with the "
+        "one computed for all of a camera (900): 9.jpg, 3.jpg."
     )
     assert "cameras=per-image" in finding.advice
 
