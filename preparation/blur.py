@@ -133,8 +133,12 @@ def blur_findings(images: Sequence[tuple[str, ImageQuality]]) -> tuple[Finding, 
         return ()
     if usual.sharpness < SOFT:
         return (all_blurred(usual),)
-    shares = sorted((usual.share_of_sharpness(quality), name) for name, quality in images)
-    names = tuple(name for share, name in shares if share < BLURRED)
+    shares = sorted(
+        (usual.share_of_sharpness(quality), name)
+        for name, quality in images
+        if usual.is_blurred(quality)
+    )
+    names = tuple(name for _, name in shares)
     if not names:
         return ()
     found = Finding(
