@@ -7,10 +7,12 @@ Derive from ``StaticGaussiansMethod``: name another ``model_class``, add ``extra
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.methods.gaussians3d.model import StaticGaussians
+from gsfw.methods.gaussians3d.relocation import coincident_copies
 
 __all__ = [
     "StaticGaussians",
     "StaticGaussiansConfig",
     "StaticGaussiansMethod",
     "StaticGaussiansOptim",
+    "coincident_copies",
 ]

@@ -11,6 +11,7 @@ passes some through); depth has a gradient, which some forks lack.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -18,10 +19,21 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from gsfw.api import ConfigError, RenderStatistics, Statistic, Validation
-from gsfw.compat.inria_projection import PROFILE, InriaGaussians, InriaView, project
-from gsfw.compat.refusal import refuse_unknown
-from gsfw.compat.screen import ScreenSplats, ScreenView, render_screen
+from gsfw.api import ConfigError, NumericsProfile, RenderStatistics, Statistic, Validation
+from gsfw.compat.inria_gradients import AbsoluteGradient, ScreenGradient
+from gsfw.compat.inria_projection import InriaGaussians, InriaView, mip_compensation, project
+from gsfw.compat.refusal import refuse, refuse_unknown
+from gsfw.compat.relocation import compute_relocation
+from gsfw.compat.screen import (
+    Covariances,
+    ScreenSplats,
+    ScreenView,
+    compensation,
+    dilated,
+    render_screen,
+)
+
+__all__ = ["GaussianRasterizationSettings", "GaussianRasterizer", "compute_relocation"]
 
 THIRD_OUTPUT = "GSFW_THIRD_OUTPUT"
 """Variable with what is returned besides colour and radii: see ``GaussianRasterizer``."""
@@ -51,6 +63,10 @@ class _Settings(NamedTuple):
     """All values of all inputs are checked before rendering."""
     antialiasing: bool | None = None
     """``None`` for versions that have no such setting, and return no depth."""
+    kernel_size: float | None = None
+    """Dilation of mip-splatting, in pixels squared; ``None`` for versions without this setting."""
+    subpixel_offset: Float[Tensor, "h w 2"] | None = None
+    """Zeros; mip-splatting moves the centres of pixels by it."""
 
 
 class GaussianRasterizationSettings(_Settings):
@@ -61,7 +77,14 @@ class GaussianRasterizationSettings(_Settings):
     def __new__(cls, *values: Any, **named: Any) -> GaussianRasterizationSettings:  # noqa: ANN401
         """Settings of the original; those of forks are refused by name."""
         refuse_unknown(SETTINGS, {name: named[name] for name in named if name not in cls._fields})
-        return super().__new__(cls, *values, **named)
+        made = super().__new__(cls, *values, **named)
+        if made.subpixel_offset is not None and bool(made.subpixel_offset.any()):
+            raise refuse(
+                SETTINGS,
+                "a subpixel_offset that is not 0",
+                "Train without ray_jitter, as mip-splatting does by default.",
+            )
+        return made
 
     def view(self) -> InriaView:
         """The view that is projected to."""
@@ -74,8 +97,14 @@ class GaussianRasterizationSettings(_Settings):
             center=self.campos,
             degree=self.sh_degree,
             scale=self.scale_modifier,
-            antialiasing=bool(self.antialiasing),
+            compensation=self._compensation(),
+            profile=NumericsProfile() if self.kernel_size is None else dilated(self.kernel_size),
         )
+
+    def _compensation(self) -> Callable[[Covariances, NumericsProfile], Tensor] | None:
+        if self.kernel_size is not None:
+            return mip_compensation
+        return compensation if self.antialiasing else None
 
 
 class GaussianRasterizer(nn.Module):
@@ -90,6 +119,29 @@ class GaussianRasterizer(nn.Module):
     def __init__(self, raster_settings: GaussianRasterizationSettings) -> None:
         super().__init__()
         self.raster_settings = raster_settings
+
+    @torch.no_grad()
+    def visible_filter(
+        self,
+        means3D: Float[Tensor, "n 3"],
+        scales: Float[Tensor, "n 3"] | None = None,
+        rotations: Float[Tensor, "n 4"] | None = None,
+        cov3D_precomp: Float[Tensor, "n 6"] | None = None,
+    ) -> Int[Tensor, " n"]:
+        """Radii in pixels, 0 outside of the image, which Scaffold-GS reads before it renders.
+
+        Raises:
+            ValueError: there are both axes and covariances, or neither.
+        """
+        # Radii depend on neither opacities nor colours.
+        opacities, colors = torch.ones_like(means3D[:, :1]), means3D[:, :0]
+        gaussians = InriaGaussians(
+            means3D, opacities, None, colors, scales, rotations, cov3D_precomp
+        )
+        _check(gaussians, means3D, 0)
+        rows = _rows_in_front(self.raster_settings, means3D)
+        radii = project(_taken(gaussians, rows), self.raster_settings.view())[1]
+        return _of_all(radii, rows, len(means3D))
 
     @torch.no_grad()
     def markVisible(self, positions: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
@@ -107,6 +159,7 @@ class GaussianRasterizer(nn.Module):
         rotations: Float[Tensor, "n 4"] | None = None,
         cov3D_precomp: Float[Tensor, "n 6"] | None = None,
         means2D_densify: Float[Tensor, "n 3"] | None = None,
+        dc: Float[Tensor, "n 1 3"] | None = None,
         **of_forks: Any,  # noqa: ANN401
     ) -> tuple[Tensor, ...]:
         """Colour, radii, and the third image of some versions.
@@ -114,7 +167,8 @@ class GaussianRasterizer(nn.Module):
         Args:
             means3D: centres, in scene units.
             means2D: not read. Its gradient is the one by the centres in normalized device
-                coordinates (by pixels, times half the image size); its last column is 0.
+                coordinates (by pixels, times half the image size). Column 2 is 0; with
+                ``kernel_size`` in the settings it is column 0 of ``means2D_densify``.
             opacities: in [0, 1].
             shs: spherical harmonics; or ``colors_precomp``.
             colors_precomp: as many channels as the background.
@@ -123,6 +177,7 @@ class GaussianRasterizer(nn.Module):
             cov3D_precomp: upper halves of covariances, row by row.
             means2D_densify: not read. Column 0 of its gradient is the norm of the two sums of
                 absolute gradients (AbsGS); forks read no more than the norm.
+            dc: the first of the spherical harmonics, in forks whose ``shs`` has only the others.
             of_forks: anything else is refused.
 
         Raises:
@@ -130,7 +185,9 @@ class GaussianRasterizer(nn.Module):
             ValueError: the combination of arguments is not the original's.
         """
         settings = self.raster_settings
-        refuse_unknown(RASTERIZER, of_forks, {"dc": "Pass shs=torch.cat([dc, shs], dim=1)."})
+        refuse_unknown(RASTERIZER, of_forks)
+        if dc is not None:
+            shs = dc if shs is None else torch.cat([dc, shs], dim=1)
         gaussians = InriaGaussians(
             means3D, opacities, shs, colors_precomp, scales, rotations, cov3D_precomp
         )
@@ -149,54 +206,28 @@ def _render(
     rows, view = _rows_in_front(settings, gaussians.means), settings.view()
     splats, radii = project(_taken(gaussians, rows), view)
     third = _third_output(settings, densify is not None)
-    means = splats.means + _ScreenGradient.apply(_take(means2D, rows), view)
+    means = splats.means + ScreenGradient.apply(_take(means2D, rows), view)
     measured: list[RenderStatistics] = []
-    if densify is not None:
-        means = means + _AbsoluteGradient.apply(_take(densify, rows), measured)
+    receivers = _receivers(settings, means2D, densify)
+    for receiver, column in receivers:
+        means = means + AbsoluteGradient.apply(_take(receiver, rows), column, measured)
     splats = replace(splats, means=means, channels=_with_third(splats, third))
-    output = render_screen(splats, _screen_view(settings, third, densify is not None))
+    output = render_screen(splats, _screen_view(settings, third, bool(receivers)))
     # The statistics alone: the image would hold this step's graph, which holds the list.
     measured.append(output.statistics)
-    if rows is not None:
-        radii = radii.new_zeros(len(gaussians.means)).index_copy(0, rows, radii)
+    radii = _of_all(radii, rows, len(gaussians.means))
     image = output.color[0].permute(2, 0, 1)
     return (image, radii) if third == NONE else (image[:-1], radii, image[-1:])
 
 
-class _ScreenGradient(torch.autograd.Function):
-    """Zeros [m, 2] that hand the gradient of centres in the image to ``means2D``."""
-
-    @staticmethod
-    def forward(ctx: Any, means2D: Tensor, view: InriaView) -> Tensor:  # noqa: ANN401
-        ctx.half_size, ctx.columns = view.half_size(means2D), means2D.shape[1]
-        return torch.zeros_like(means2D[:, :2])
-
-    @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401
-        whole = gradient.new_zeros(len(gradient), ctx.columns)
-        whole[:, :2] = gradient * ctx.half_size
-        return whole, None
-
-
-class _AbsoluteGradient(torch.autograd.Function):
-    """Zeros [m, 2] that hand the measured sums of absolute gradients to ``means2D_densify``.
-
-    Backward runs after that of the render, which depends on its output; by then the statistics are
-    written.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, densify: Tensor, measured: list[RenderStatistics]) -> Tensor:  # noqa: ANN401
-        ctx.measured = measured
-        return torch.zeros_like(densify[:, :2])
-
-    @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401
-        (statistics,) = ctx.measured
-        assert statistics.absgrad is not None, "it was asked for"
-        whole = gradient.new_zeros(len(gradient), 3)
-        whole[:, 0] = statistics.absgrad[0]
-        return whole, None
+def _receivers(
+    settings: GaussianRasterizationSettings,
+    means2D: Float[Tensor, "n _"],
+    densify: Float[Tensor, "n 3"] | None,
+) -> list[tuple[Tensor, int]]:
+    """Tensors that receive absolute gradients, each with the column for them."""
+    mip = settings.kernel_size is not None and means2D.shape[1] == 3 and means2D.requires_grad
+    return [(means2D, 2)] * mip + ([] if densify is None else [(densify, 0)])
 
 
 def _check(gaussians: InriaGaussians, means2D: Tensor | None, degree: int) -> None:
@@ -247,6 +278,13 @@ def _rows_in_front(
     return front.nonzero()[:, 0]
 
 
+def _of_all(
+    values: Int[Tensor, " m"], rows: Int[Tensor, " m"] | None, count: int
+) -> Int[Tensor, " n"]:
+    """Values of some rows, and 0 for the others."""
+    return values if rows is None else values.new_zeros(count).index_copy(0, rows, values)
+
+
 def _take(tensor: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:
     return tensor if rows is None else tensor.index_select(0, rows)
 
@@ -289,7 +327,7 @@ def _screen_view(settings: GaussianRasterizationSettings, third: str, absolute: 
         background=background
         if third == NONE
         else torch.cat([background, background.new_zeros(1)]),
-        profile=PROFILE,
+        profile=settings.view().profile,
         statistics=frozenset({Statistic.ABSGRAD} if absolute else ()),
         validation=Validation.FULL if settings.debug else Validation.CHEAP,
     )

@@ -30,6 +30,7 @@ from gsfw.compat.screen import (
     ScreenSplats,
     ScreenView,
     compensation,
+    dilated,
     render_screen,
     view_colors,
 )
@@ -112,7 +113,7 @@ def rasterization(
         render_mode=render_mode,
         absgrad=absgrad,
         antialiased=rasterize_mode == "antialiased",
-        profile=_profile(eps2d),
+        profile=dilated(eps2d),
     )
     cameras = _cameras(viewmats, Ks, width, height, camera_model)
     return _render(gaussians, cameras, conventions, backgrounds)
@@ -262,14 +263,6 @@ def _channels(output: RenderOutput, mode: str) -> Float[Tensor, "1 h w x"]:
         return output.color
     depth = output.color[..., -1:] / output.alpha.clamp_min(ALPHA_FLOOR)
     return torch.cat([output.color[..., :-1], depth], dim=-1)
-
-
-def _profile(eps2d: float) -> NumericsProfile:
-    """The constants of gsplat 1.6, which are gsfw's, with this dilation."""
-    usual = NumericsProfile()
-    if eps2d == usual.dilation:
-        return usual
-    return replace(usual, name=f"{usual.name}, dilation {eps2d:g}", dilation=eps2d)
 
 
 def _is_set(name: str, value: object) -> bool:

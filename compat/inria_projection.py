@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -12,7 +13,6 @@ from gsfw.api import NumericsProfile, unit_matrices
 from gsfw.compat.screen import (
     Covariances,
     ScreenSplats,
-    compensation,
     determinant,
     project_axes,
     project_covariances,
@@ -32,9 +32,9 @@ SPREAD_MIN = 0.1
 """Floor under the root in the eigenvalues of a covariance."""
 TILE = 16
 """Side of a tile in pixels; a splat without a tile has radius 0."""
-PROFILE = NumericsProfile()
-"""Dilation 0.3, alpha at most 0.99 and at least 1 / 255, stop below transmittance 1e-4, floor of
-the compensation sqrt(0.000025): all are gsfw's own defaults."""
+AREA_EPSILON = 1e-6
+"""In the compensation of Mip-Splatting: added to the divisor and below the root, and the least
+determinant before dilation of a splat that is rendered; in pixels to the fourth."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,11 @@ class InriaView:
     """Degree of spherical harmonics."""
     scale: float
     """Factor of standard deviations; covariances that are given are not scaled."""
-    antialiasing: bool
+    compensation: Callable[[Covariances, NumericsProfile], Float[Tensor, " m"]] | None
+    """Factor of opacities for the area that dilation adds, if there is one."""
+    profile: NumericsProfile
+    """Dilation 0.3 unless the fork has another, alpha at most 0.99 and at least 1 / 255, stop below
+    transmittance 1e-4, floor of the compensation sqrt(0.000025): all are gsfw's own defaults."""
 
     def in_front(self, means: Float[Tensor, "n 3"]) -> Bool[Tensor, " n"]:
         """True for the points beyond the near plane."""
@@ -128,20 +132,31 @@ def project(gaussians: InriaGaussians, view: InriaView) -> tuple[ScreenSplats, I
     """
     means, covariances = view.pixels(gaussians.means), gaussians.in_image(view)
     opacities = gaussians.opacities.flatten()
-    if view.antialiasing:
-        opacities = opacities * compensation(covariances, PROFILE)
+    if view.compensation is not None:
+        opacities = opacities * view.compensation(covariances, view.profile)
     radii = _radii(means.detach(), covariances.detach(), view)
     depths = view.in_camera(gaussians.means)[:, 2]
     colors = gaussians.seen(view)
     return ScreenSplats(means, depths, covariances, opacities, colors, radii > 0), radii
 
 
+def mip_compensation(covariances: Covariances, profile: NumericsProfile) -> Float[Tensor, " m"]:
+    """The factor of Mip-Splatting's own kernels (Yu et al. 2024, equation 9), with their epsilons.
+
+    It is 0 for splats without area in the image.
+    """
+    before, after = determinant(covariances, 0.0), determinant(covariances, profile.dilation)
+    seen = (before > AREA_EPSILON) & (after > AREA_EPSILON)
+    ratio = torch.where(seen, before / (after + AREA_EPSILON), 0.0)
+    return torch.where(seen, (ratio + AREA_EPSILON).sqrt(), 0.0)
+
+
 def _radii(
     means: Float[Tensor, "m 2"], covariances: Covariances, view: InriaView
 ) -> Int[Tensor, " m"]:
     """Radii of three standard deviations, rounded up; 0 where the square meets no tile."""
-    middle = 0.5 * (covariances[0] + covariances[2]) + PROFILE.dilation
-    spread = middle * middle - determinant(covariances, PROFILE.dilation)
+    middle = 0.5 * (covariances[0] + covariances[2]) + view.profile.dilation
+    spread = middle * middle - determinant(covariances, view.profile.dilation)
     radii = (SIGMAS * (middle + spread.clamp_min(SPREAD_MIN).sqrt()).sqrt()).ceil()
     corners, reach = means - 0.5, radii[:, None]
     tiles = means.new_tensor([-(-view.width // TILE), -(-view.height // TILE)])

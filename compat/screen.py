@@ -9,7 +9,7 @@ by component, the one by the centres in the image.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -132,6 +132,14 @@ def compensation(covariances: Covariances, profile: NumericsProfile) -> Float[Te
     xx, xy, yy = covariances
     before, after = xx * yy - xy * xy, determinant(covariances, profile.dilation)
     return (before / after).clamp_min(profile.compensation_min**2).sqrt()
+
+
+def dilated(dilation: float) -> NumericsProfile:
+    """The usual constants with this dilation, in pixels squared."""
+    usual = NumericsProfile()
+    if dilation == usual.dilation:
+        return usual
+    return replace(usual, name=f"{usual.name}, dilation {dilation:g}", dilation=dilation)
 
 
 def determinant(covariances: Covariances, dilation: float) -> Float[Tensor, " m"]:

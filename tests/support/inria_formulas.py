@@ -107,6 +107,16 @@ def covariance_2d(
     return flat[0, 0], flat[0, 1], flat[1, 1]
 
 
+def compensation(
+    before: Tensor, after: Tensor, settings: GaussianRasterizationSettings
+) -> Tensor | float:
+    """The factor of opacities for determinants before and after dilation."""
+    if settings.kernel_size is not None:
+        # computeCov2D of mip-splatting, with its epsilons.
+        return (before / (after + 1e-6) + 1e-6).sqrt() if before > 1e-6 else 0.0
+    return (before / after).clamp_min(0.000025).sqrt() if settings.antialiasing else 1.0
+
+
 def project(
     means: Tensor,
     opacities: Tensor,
@@ -119,9 +129,10 @@ def project(
     for mean, opacity, covariance in zip(means, opacities[:, 0], covariances, strict=True):
         a, b, c = covariance_2d(mean, covariance, s)
         before = a * c - b * b
-        a, c = a + 0.3, c + 0.3
+        dilation = 0.3 if s.kernel_size is None else s.kernel_size
+        a, c = a + dilation, c + dilation
         after = a * c - b * b
-        factor = (before / after).clamp_min(0.000025).sqrt() if s.antialiasing else 1.0
+        factor = compensation(before, after, s)
         clip = torch.cat([mean, mean.new_ones(1)]) @ s.projmatrix
         device = clip[:2] / (clip[3] + 1e-7)
         size = mean.new_tensor([s.image_width, s.image_height])
