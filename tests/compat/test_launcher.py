@@ -84,6 +84,16 @@ def test_without_a_gpu_an_installed_module_is_replaced_and_the_first_line_says_s
     ("code", "exit_code", "said"),
     [
         ("import lpipsy", 2, "train.py:2: the package 'lpipsy' is not installed."),
+        ("import lpipsy", 2, "put --without lpipsy before the script."),
+        ("import diff_surfel_rasterization", 2, "gsfw train method=2dgs"),
+        (
+            "from diff_gaussian_rasterization import SparseGaussianAdam",
+            2,
+            "train.py:2: gsfw.compat does not support "
+            "diff_gaussian_rasterization.SparseGaussianAdam.",
+        ),
+        ("import diff_gaussian_rasterization._C", 2, "support diff_gaussian_rasterization._C."),
+        ("image, radii, depth, alpha = (1, 2)", 1, "its fork returns 4 results"),
         ("image, radii, depth = (1, 2)", 1, "--third depth or --third invdepth"),
         (
             "from gsplat import rasterization_2dgs\nrasterization_2dgs()",
