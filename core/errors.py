@@ -88,6 +88,10 @@ class LostProcessError(TrainingError):
     """Another process of the training has ended, or cannot be reached."""
 
 
+class SilentProcessError(LostProcessError):
+    """Another process of the training has not answered within the longest wait."""
+
+
 def without_inner_frames(function: Callable[Given, Answer]) -> Callable[Given, Answer]:
     """Decorate a function for Python programs: a ``UserError`` shows no frames of gsfw.
 

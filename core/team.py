@@ -195,6 +195,23 @@ class Team:
         """
         return state if self.leads else None
 
+    def meets_again(self, standing: object) -> bool:
+        """Connect the processes anew after an error in any of them, to write their state together.
+
+        Called once by every process that can, if they share the rendering.
+
+        Args:
+            standing: comparable position of this process in the run; ``None`` if it has no state to
+                write.
+
+        Returns:
+            True if every process has the same standing, and a state.
+
+        Raises:
+            LostProcessError: a process has ended.
+        """
+        return False
+
     def own_state(self, state: Mapping[str, Any], parts: TrainingParts) -> Mapping[str, Any]:
         """The state of this process, from that of a checkpoint."""
         return state

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from traceback import clear_frames
 from typing import TypeVar
 
 import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from gsfw.core.errors import LostProcessError
+from gsfw.core.errors import LostProcessError, SilentProcessError
+from gsfw.parallel.environment import patience
 
 Value = TypeVar("Value")
 Pieces = Sequence[Tensor]
@@ -21,16 +24,30 @@ Pieces = Sequence[Tensor]
 class Group:
     """Collective operations of all processes, which count the bytes that they send."""
 
-    def __init__(self, device: torch.device) -> None:
+    def __init__(self, device: torch.device, channel: dist.ProcessGroup | None = None) -> None:
         """Use the processes that ``parallel.launch.connected`` has connected.
 
         Args:
             device: of the tensors that are exchanged.
+            channel: connections of this group alone; ``None``: the first ones.
         """
-        self.device = device
+        self.device, self._channel = device, channel
         self.rank, self.size = dist.get_rank(), dist.get_world_size()
         self.bytes_sent = 0
         """Bytes that this process has sent to others, without those of ``gathered``."""
+
+    def spare(self) -> Group | None:
+        """Close the connections of this group, which ends the waits of all other processes for it.
+
+        Returns:
+            A group by the first connections, by which all processes that still run can meet once
+            more; ``None`` if this group uses them itself.
+        """
+        if self._channel is None:
+            return None
+        dist.destroy_process_group(self._channel)
+        self._channel = None  # The last reference.
+        return Group(self.device)
 
     @torch.no_grad()
     def exchange_into(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
@@ -89,7 +106,13 @@ class Group:
         counts = [_count(pieces) for pieces in rooms]
         found = values.new_empty(sum(counts))
         with losses_named():
-            dist.all_to_all_single(found, values, counts, [_count(pieces) for pieces in sent])
+            dist.all_to_all_single(
+                found,
+                values,
+                counts,
+                [_count(pieces) for pieces in sent],
+                self._channel,
+            )
         _fill([room for pieces in rooms for room in pieces], found)
 
     def _share(self, sent: Pieces, rooms: Sequence[Pieces]) -> None:
@@ -98,7 +121,7 @@ class Group:
         values = torch.nn.functional.pad(_joined(sent, rooms), (0, longest - _count(sent)))
         found = values.new_empty(self.size, longest)
         with losses_named():
-            dist.all_gather(list(found.unbind(0)), values)
+            dist.all_gather(list(found.unbind(0)), values, self._channel)
         for rank, pieces in enumerate(rooms):
             if rank != self.rank:
                 _fill(pieces, found[rank])
@@ -107,7 +130,7 @@ class Group:
         """The values of all processes in order of rank, as pickled objects."""
         found: list[Value | None] = [None] * self.size
         with losses_named():
-            dist.all_gather_object(found, value)
+            dist.all_gather_object(found, value, self._channel)
         return found  # type: ignore[return-value]
 
 
@@ -152,13 +175,16 @@ def losses_named() -> Iterator[None]:
     Raises:
         LostProcessError: another process has ended, or does not answer.
     """
+    started = time.monotonic()
     try:
         yield
     except (RuntimeError, ValueError) as error:
         # The path of a source file, the cause, and general advice.
         text = re.sub(r"^\[[^]]*\]\s*", "", str(error).strip()).split(". ")[0]
         cause = text.partition("\n")[0] or type(error).__name__
-        raise LostProcessError(
+        clear_frames(error.__traceback__)  # They refer to the connections, which ``spare`` closes.
+        is_silent = time.monotonic() - started >= 60 * patience()
+        raise (SilentProcessError if is_silent else LostProcessError)(
             f"another process of this training has ended or does not answer ({cause}).",
             "Its own message says why. Go on from the last checkpoint with gsfw resume RUN.",
         ) from error

@@ -68,10 +68,15 @@ def connected(device: torch.device, shards: int = 0) -> Iterator[Team]:
     if device.type == "cuda" and device.index is None:
         torch.cuda.set_device(int(os.environ.get("LOCAL_RANK", "0")))
     backend = "gloo" if device.type == "cpu" else "cpu:gloo,cuda:nccl"
+    limit = timedelta(minutes=patience())
     with losses_named():
-        dist.init_process_group(backend, timeout=timedelta(minutes=patience()), **options)
+        dist.init_process_group(backend, timeout=limit, **options)
     try:
-        group = group_on(device)
+        with losses_named():
+            # No variable refers to a channel, which ends with its last reference (``Group.spare``).
+            group = group_on(
+                device, dist.new_group(timeout=limit) if device.type == "cpu" else None
+            )
         yield GaussianParallel(group, shards) if shards else DataParallel(group)
     finally:
         dist.destroy_process_group()

@@ -33,21 +33,23 @@ TOKEN = 16
 Bytes = UInt8[Tensor, " b"]
 
 
-def group_on(device: torch.device) -> Group:
+def group_on(device: torch.device, channel: dist.ProcessGroup | None = None) -> Group:
     """The group of all processes, by shared memory if they are on one machine and train on CPUs."""
-    group = Group(device)
+    group = Group(device, channel)
     if group.size == 1 or device.type != "cpu":
         return group
     boxes = _boxes(group)
-    return group if boxes is None else SharedMemoryGroup(device, boxes)
+    return group if boxes is None else SharedMemoryGroup(device, boxes, channel)
 
 
 class SharedMemoryGroup(Group):
     """The processes of one machine."""
 
-    def __init__(self, device: torch.device, boxes: Sequence[Bytes]) -> None:
+    def __init__(
+        self, device: torch.device, boxes: Sequence[Bytes], channel: dist.ProcessGroup | None
+    ) -> None:
         """Exchange by ``boxes``, one of each process, which all processes have mapped."""
-        super().__init__(device)
+        super().__init__(device, channel)
         self._boxes = [_Box(box, self.size) for box in boxes]
         self._turn = 0
 
@@ -87,7 +89,7 @@ class SharedMemoryGroup(Group):
         """Wait for all processes; the largest number of chunks that any of them sends."""
         numbers = torch.empty(self.size, 1, dtype=torch.int64)
         with losses_named():
-            dist.all_gather(list(numbers.unbind(0)), torch.tensor([chunks]))
+            dist.all_gather(list(numbers.unbind(0)), torch.tensor([chunks]), self._channel)
         return int(numbers.max())
 
 

@@ -7,10 +7,10 @@ between checkpoints, too, and ends the training; the model is then written witho
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import torch
 
@@ -19,6 +19,7 @@ from gsfw.core.errors import (
     LostProcessError,
     NotEnoughMemoryError,
     OutputError,
+    SilentProcessError,
     TrainingError,
     UserError,
 )
@@ -28,10 +29,13 @@ from gsfw.core.loop.memory import release_freed_memory
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.part_state import state_of
 from gsfw.core.progress import stage
+from gsfw.core.team import Team
 from gsfw.core.words import shell_argument
 
 if TYPE_CHECKING:
     from gsfw.core.loop.trainer import Trainer
+
+Made = TypeVar("Made")
 
 logger = logging.getLogger("gsfw.run")
 
@@ -70,13 +74,13 @@ class Checkpoints:
         trainer.catch_up()
         if not trainer.parts.team.evaluates:
             return
-        self._updates = trainer.walk.updates
         with self._model_kept(trainer):
-            own = trainer.state_dict()
+            own = _in_all(trainer.parts.team, trainer.state_dict)
         state = trainer.parts.team.whole(own, trainer.parts, trainer.folder.path)
+        self._updates = trainer.walk.updates
         if state is None:
             return
-        with stage("writing a checkpoint"), trainer.walk.apart(), self._model_kept(trainer):
+        with stage("writing a checkpoint"), trainer.walk.apart(), self._model_kept(trainer, state):
             path = trainer.folder.write_checkpoint(trainer.step, state)
             release_freed_memory()  # That of writing, which steps do not need.
         trainer.control.checkpoint_requested = False
@@ -101,23 +105,45 @@ class Checkpoints:
     def keep_after(self, error: Exception, trainer: Trainer) -> None:
         """Write a checkpoint when an error ends the training, such as a bug of a plugin; say so.
 
-        An error of the state, of memory or of the disk would only come again.
+        An error of the state, of memory or of the disk would only come again. Processes that share
+        the rendering write together, as long as all of them run.
         """
+        team, is_lost = trainer.parts.team, isinstance(error, LostProcessError)
         again = isinstance(error, (TrainingError, NotEnoughMemoryError, OutputError))
-        is_lost = isinstance(error, LostProcessError)
-        is_first = trainer.parts.team.evaluates
-        if (again and not is_lost) or trainer.walk.updates == 0 or not is_first:
+        has_state = (not again or is_lost) and trainer.walk.updates > 0
+        if not team.evaluates:
             return
         with suppress(Exception):  # The first error is the one to report.
             before = trainer.folder.latest_checkpoint()
-            self.keep(trainer)
+            if not team.shares_rendering:
+                if has_state:
+                    self.keep(trainer)
+            elif not isinstance(error, SilentProcessError):
+                self._keep_together(trainer, has_state and not trainer.updates.is_underway)
             kept = trainer.folder.latest_checkpoint()
-            if kept != before:
+            if kept != before and team.leads:
                 logger.warning(
                     "%s has the state after %d steps: %sgsfw resume %s continues from there",
                     *(kept, trainer.step),
                     "" if is_lost else "once the error below is corrected, ",
                     shell_argument(trainer.folder.path),
+                )
+
+    def _keep_together(self, trainer: Trainer, has_state: bool) -> None:
+        """Write a checkpoint if all processes stand after the same step; every one calls this."""
+        team = trainer.parts.team
+        standing = (trainer.step, trainer.walk.updates, trainer.parts.table.row_edits)
+        try:
+            if not team.meets_again(standing if has_state else None):
+                return
+            if not team.gathered(self.are_current(trainer))[0]:
+                self.write(trainer)
+            _wait_for_first(team)
+        except LostProcessError:
+            if team.leads:
+                logger.warning(
+                    "the steps after %s are lost with the Gaussians of another process",
+                    trainer.folder.latest_checkpoint(),
                 )
 
     def check(self, trainer: Trainer) -> None:
@@ -133,15 +159,21 @@ class Checkpoints:
         self._checked = trainer.step
         parts = trainer.parts
         with self._stopwatch.paused(), self._model_kept(trainer):
-            for part in (parts.sampler, parts.method, *parts.refiners):
-                state_of(part)
+            checked = (parts.sampler, parts.method, *parts.refiners)
+            _in_all(parts.team, lambda: [state_of(part) for part in checked])
 
     @contextmanager
-    def _model_kept(self, trainer: Trainer) -> Iterator[None]:
+    def _model_kept(
+        self, trainer: Trainer, whole: Mapping[str, Any] | None = None
+    ) -> Iterator[None]:
         """Write the model alone if the state cannot be taken or written.
 
+        Args:
+            trainer: of the run.
+            whole: the state with the rows of all processes, if they have been collected.
+
         Raises:
-            TrainingError: in place of a message on the state.
+            TrainingError: in place of a message on the state; the first process has the message.
         """
         try:
             yield
@@ -153,7 +185,7 @@ class Checkpoints:
                     raise ConfigError(f"{error}.", FINITE) from None
                 raise
             self._updates = trainer.walk.updates  # Another attempt would fail, too.
-            model = self._write_model(trainer)
+            model = self._write_model(trainer, whole)
             if isinstance(error, UserError):
                 problem, advice = error.message, error.advice
             elif isinstance(error, NotFiniteError):
@@ -162,24 +194,58 @@ class Checkpoints:
                 if model is not None:
                     logger.warning("%s has the model after %d steps", model, trainer.step)
                 raise
+            if not trainer.parts.team.leads:
+                raise LostProcessError("the first process has ended this training.") from None
             raise TrainingError(
                 f"no checkpoint can be written after {trainer.step} steps: {problem}",
                 _advice(trainer, advice, model),
             ) from None
 
-    def _write_model(self, trainer: Trainer) -> Path | None:
+    def _write_model(self, trainer: Trainer, whole: Mapping[str, Any] | None) -> Path | None:
         """Write the model without the rest of the state; the path, or ``None`` if that fails."""
-        parts = trainer.parts
-        if parts.team.shares_rendering:  # No process has all rows.
-            return None
+        parts, path = trainer.parts, None
         with suppress(UserError, NotFiniteError, torch.OutOfMemoryError):
-            state = {
-                "model": state_of(parts.model),
-                "corrections": dict(parts.corrections.state_dict()),
-                "environment": environment(parts.device, parts.rasterizer.capabilities().details),
-            }
-            return trainer.folder.write_model(trainer.step, state)
-        return None
+            state = whole
+            if state is None:
+                details = parts.rasterizer.capabilities().details
+                own = {
+                    "model": state_of(parts.model),
+                    "corrections": dict(parts.corrections.state_dict()),
+                    "environment": environment(parts.device, details),
+                }
+                state = parts.team.whole(own, parts, trainer.folder.path)
+            if state is not None:
+                kept = {key: state[key] for key in ("model", "corrections", "environment")}
+                path = trainer.folder.write_model(trainer.step, kept)
+            if whole is None:
+                _wait_for_first(parts.team)
+        return path
+
+
+def _wait_for_first(team: Team) -> None:
+    """Wait until the first process has written: a launcher ends all when another one ends."""
+    if team.shares_rendering:
+        team.gathered(None)
+
+
+def _in_all(team: Team, make: Callable[[], Made]) -> Made:
+    """Make a part of the state; of processes that share the rendering, all fail if one does.
+
+    Raises:
+        Exception: that of making it.
+        TrainingError: another process has failed; the first process has its text.
+    """
+    try:
+        made = make()
+    except Exception as error:
+        if team.shares_rendering:
+            team.gathered(str(error) or type(error).__name__)
+        raise
+    texts = team.gathered("") if team.shares_rendering else []
+    for number, text in enumerate(texts):
+        if text:
+            raise (TrainingError if team.leads else LostProcessError)(f"process {number}: {text}")
+    return made
 
 
 def _advice(trainer: Trainer, advice: str, model: Path | None) -> str:

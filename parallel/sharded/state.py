@@ -64,6 +64,8 @@ def _changed(
     tensors = dict(state["model"])
     for key, column in _keys(model).items():
         tensors[key] = changed(column, tensors[key])
+    if "optimizer" not in state:  # The model alone.
+        return {**state, "model": tensors}
     moments = dict(state["optimizer"]["moments"])
     for name, column in model.columns().items():
         if name in moments:

@@ -294,6 +294,15 @@ class GaussianParallel(ParallelTeam):
         """True for several processes: none of them has all rows."""
         return self.size > 1
 
+    def meets_again(self, standing: object) -> bool:
+        """Compare standings by the spare connections, which collect the state from now on."""
+        spare = self._group.spare()
+        if spare is None:
+            return False
+        self._group = spare
+        found = self.gathered(standing)
+        return standing is not None and found.count(standing) == self.size
+
     def whole(
         self, state: dict[str, Any], parts: TrainingParts, folder: Path
     ) -> dict[str, Any] | None:

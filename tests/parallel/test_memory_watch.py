@@ -81,7 +81,7 @@ def test_a_process_without_memory_ends_the_run_with_one_checkpoint(tmp_path, div
         if own.parts.team.leads:
             with pytest.raises(NotEnoughMemoryError) as raised:
                 own.fit()
-            table.barrier.abort()  # As its process ends, the others lose it.
+            table.leave()  # As its process ends, the others lose it.
             return str(raised.value)
         with pytest.raises(LostProcessError):
             own.fit()

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pytest
 from support.processes import (
+    LONG,
     ONE_THREAD,
     SCENE,
     TORCHRUN,
+    Started,
     Training,
     command,
     finished,
@@ -24,6 +26,7 @@ from support.states import assert_same_bits
 
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.plugins.plugin_path import VARIABLE
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="POSIX signals")]
 
@@ -151,6 +154,53 @@ def test_a_killed_process_ends_the_others_and_the_checkpoint_goes_on(tmp_path, r
     assert not training.workers()
     steps = last_step(training.folder)
     assert main(["resume", str(training.folder), f"steps={steps + 5}", "processes=1"]) == 0
+
+
+FAILING = """
+import os
+from dataclasses import dataclass
+
+from gsfw.api import Spec, hookimpl
+from gsfw.samplers.uniform import UniformConfig, UniformSampler
+
+
+@hookimpl
+def gsfw_samplers():
+    return [Spec("failing", "A sampler that fails in one process.", f"{__name__}:FailingConfig")]
+
+
+@dataclass
+class FailingConfig(UniformConfig):
+    def build(self, views, seed, steps):
+        return Failing(len(views), self.views_per_step, seed)
+
+
+class Failing(UniformSampler):
+    def next(self):
+        if os.environ.get("RANK") == os.environ["FAILS"] and self._position == 4 * 25:
+            raise IndexError("a bug")
+        return super().next()
+"""
+
+
+def test_a_bug_in_one_of_three_processes_that_share_the_gaussians_loses_no_finished_step(
+    tmp_path, plugin_path, monkeypatch
+):
+    plugin, run = tmp_path / "failing_plugin.py", RunFolder(tmp_path / "run")
+    plugin.write_text(FAILING)
+    monkeypatch.setenv("FAILS", "none")
+    plugin_path(plugin)
+    variables = {"FAILS": "1", VARIABLE: str(plugin)}
+    words = ("sampler=failing", "shards=3", "processes=3", f"out={run.path}")
+    training = Started(command("train", *LONG, *words), tmp_path / "said.txt", **variables)
+    code, said = training.ended(120.0)
+    assert code == 1
+    assert said.count("IndexError: a bug") == 1
+    kept = run.checkpoint(25)
+    assert f"{kept} has the state after 25 steps" in said
+    assert last_step(run.path) == 25
+    assert rows(run.path) >= 500
+    assert main(["resume", str(run.path), "steps=28", "processes=2"]) == 0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import torch
@@ -17,17 +16,14 @@ PATIENCE = 60.0
 """Seconds after which a thread that waits for another one fails."""
 
 
-@dataclass
 class Table:
     """The place where threads put their values."""
 
-    size: int
-    values: list[Any] = field(init=False)
-    barrier: threading.Barrier = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.values = [None] * self.size
-        self.barrier = threading.Barrier(self.size, timeout=PATIENCE)
+    def __init__(self, size: int, spare: "Table | None" = None) -> None:
+        self.size, self.spare = size, spare
+        self.values: list[Any] = [None] * size
+        self._changed = threading.Condition()
+        self._meetings, self._waiting, self._is_left = 0, 0, False
 
     def shared(self, rank: int, value: Any) -> list[Any]:
         self.values[rank] = value
@@ -37,11 +33,21 @@ class Table:
         return found
 
     def wait(self) -> None:
-        """Wait for the other threads, unless one of them has given up."""
-        try:
-            self.barrier.wait()
-        except threading.BrokenBarrierError as error:
-            raise LostProcessError("another thread has ended.") from error
+        """Wait for the other threads, unless one of them has left."""
+        with self._changed:
+            meeting, self._waiting = self._meetings, self._waiting + 1
+            if self._waiting == self.size and not self._is_left:
+                self._meetings, self._waiting = meeting + 1, 0
+                self._changed.notify_all()
+            self._changed.wait_for(lambda: self._meetings > meeting or self._is_left, PATIENCE)
+            if self._meetings == meeting:
+                raise LostProcessError("another thread has ended.")
+
+    def leave(self) -> None:
+        """End the waits of all other threads, as the end of a process does."""
+        with self._changed:
+            self._is_left = True
+            self._changed.notify_all()
 
 
 class ThreadGroup(Group):
@@ -51,6 +57,10 @@ class ThreadGroup(Group):
         self._table = table
         self.device = torch.device("cpu")
         self.rank, self.size, self.bytes_sent = rank, table.size, 0
+
+    def spare(self) -> Group | None:
+        self._table.leave()
+        return None if self._table.spare is None else ThreadGroup(self._table.spare, self.rank)
 
     def _exchange(self, sent: Sequence[Pieces], rooms: Sequence[Pieces]) -> None:
         for rank, pieces in enumerate(self._table.shared(self.rank, sent)):
@@ -76,7 +86,7 @@ class ThreadGroup(Group):
 
 def in_threads(size: int, work: Callable[[Group], Result]) -> Sequence[Result]:
     """Run ``work`` in every process of a group; the results in order of rank."""
-    table = Table(size)
+    table = Table(size, Table(size))
     with ThreadPoolExecutor(size) as pool:
         futures = [pool.submit(work, ThreadGroup(table, rank)) for rank in range(size)]
         return [future.result() for future in futures]
