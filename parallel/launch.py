@@ -11,11 +11,11 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 import torch.distributed as dist
@@ -35,6 +35,9 @@ from gsfw.parallel.group import losses_named
 from gsfw.parallel.sharded.team import GaussianParallel
 from gsfw.parallel.shared_memory import group_on
 
+if TYPE_CHECKING:
+    from torch.distributed.elastic.multiprocessing.errors import ProcessFailure
+
 LOCAL = "127.0.0.1"
 MODULE = ("-m", "gsfw")
 STORE = "GSFW_STORE"
@@ -42,6 +45,8 @@ STORE = "GSFW_STORE"
 own way is a server that listens on every interface and lets in whoever comes: who reaches it can
 send processes to addresses of theirs, and processes trust what they receive from one another."""
 FAILED = 1
+STUBBORN = 25
+"""Seconds after the first failure in which a process ends by itself; torch kills it after 30."""
 
 
 @contextmanager
@@ -170,7 +175,7 @@ def run_workers(arguments: Sequence[str], processes: int) -> int:
                     _send(pid, received.sigval)
     if result is None or not result.is_failed():
         return 0
-    return _report({rank: failure.exitcode for rank, failure in result.failures.items()})
+    return _report(result.failures)
 
 
 def _send(pid: int, number: int) -> None:
@@ -199,11 +204,27 @@ def _on_loopback() -> dict[str, str]:
     return {"GLOO_SOCKET_IFNAME": "lo"} if sys.platform == "linux" else {}
 
 
-def _report(codes: dict[int, int]) -> int:
-    """Name the processes that were ended by a signal; return the exit code of the whole."""
-    for number, code in sorted(codes.items()):
-        if code < 0 and -code != signal.SIGTERM:  # SIGTERM: ended as another had failed.
-            name = signal.Signals(-code).name
-            cause = " (memory may have run out)" if name in ("SIGKILL", "SIGBUS") else ""
-            sys.stderr.write(f"error: process {number} was ended by {name}{cause}\n")
+def _report(failures: Mapping[int, ProcessFailure]) -> int:
+    """Name the processes that were ended by a signal; return the exit code of the whole.
+
+    torch ends the other processes by SIGTERM when one has failed, and later by SIGKILL.
+    """
+    first = min(failure.timestamp for failure in failures.values())
+    for number, failure in sorted(failures.items()):
+        if failure.exitcode >= 0 or -failure.exitcode == signal.SIGTERM:
+            continue
+        name = signal.Signals(-failure.exitcode).name
+        if failure.timestamp - first >= STUBBORN:
+            said = f"process {number} did not react any more, and was ended"
+        elif name in ("SIGKILL", "SIGBUS"):
+            said = f"process {number} was ended by {name} (memory may have run out)"
+        else:
+            said = f"process {number} was ended by {name}"
+        # The first process, which names the remedy otherwise, cannot.
+        advice = "Go on from the last checkpoint with gsfw resume RUN.\n" if number == 0 else ""
+        sys.stderr.write(f"error: {said}\n{advice}")
+    codes = {number: failure.exitcode for number, failure in failures.items()}
+    ended = (128 + signal.SIGTERM, -signal.SIGTERM)
+    if codes.get(0) in ended and not all(code in ended for code in codes.values()):
+        return FAILED
     return max(codes.get(0, 0), 0) or FAILED
