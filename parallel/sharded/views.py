@@ -23,7 +23,7 @@ from torch import Tensor
 
 from gsfw.core.bands import BandedSplats, Bands, RenderedBand
 from gsfw.core.cameras import Cameras
-from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderStatistics
@@ -150,9 +150,8 @@ class Views:
         try:
             rendered = self._images.render(number, rows)
         except ConfigError as error:  # Other processes do not find it in their bands.
-            raise TrainingError(
-                f"band {number} of the step: {error.message}", error.advice
-            ) from error
+            message = f"band {number} of the step: {error.message}"
+            raise UserError(message, error.advice) from error
         return Band(number, counts, rendered)
 
     def _gathered(self) -> tuple[Tensor, Tensor]:

@@ -16,7 +16,7 @@ from support.scenes import front_camera
 from support.states import assert_same_bits
 from support.thread_group import in_threads
 
-from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.parallel.sharded.division import TILE, Division
@@ -216,8 +216,9 @@ def test_a_band_with_too_many_pairs_is_named_with_its_cause():
 
     def render(group):
         model, camera, settings = gaussians(240), front_camera(64, 64), RenderSettings()
-        with pytest.raises(TrainingError, match=r"^band 0 of the step: .*pairs_mb=0.0001"):
+        with pytest.raises(UserError, match=r"^band 0 of the step: .*pairs_mb=0.0001") as caught:
             Views(group, Division(SHARDS, 1), model, rasterizer, camera, settings, None, 240)
+        assert type(caught.value) is UserError, "the last finished step is kept after it"
 
     in_threads(1, render)
 
