@@ -57,11 +57,13 @@ def describe(composition: Composition) -> str:
 
 def _of_processes(composition: Composition) -> str:
     """The share of several processes in a step, as a phrase; empty for one."""
-    size, sampler = composition.parts.team.size, composition.settings.config.sampler
-    views = getattr(sampler, "views_per_step", 0)
+    team, sampler = composition.parts.team, composition.settings.config.sampler
+    size, views = team.size, getattr(sampler, "views_per_step", 0)
     if size == 1:
         return ""
-    idle = f"; {size - views} of them have none" if 0 < views < size else ""
+    if team.shares_rendering:
+        return f", {size} processes that share the Gaussians"
+    idle = f"; {size - views} without a view" if 0 < views < size else ""
     return f", {size} processes for {views or 'the'} views of a step{idle}"
 
 

@@ -94,7 +94,7 @@ def test_processes_that_share_the_gaussians_train_the_bits_of_one(tmp_path, capf
     run, size = RunFolder(tmp_path / "run"), 4 if method == "adc" else 3
     arguments = (*words(method, shards=4), f"processes={size}", f"out={run.path}")
     assert main(["train", *arguments]) == 0
-    assert f"{size} processes" in capfd.readouterr().out
+    assert f"{size} processes that share the Gaussians" in capfd.readouterr().out
     assert_same_bits(state(run.path), alone(method, 4))
     if method == "spacetime":
         go_on(run, 2)

@@ -1,6 +1,7 @@
 """Tests of gsfw.commands.interface.training."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -101,3 +102,20 @@ def test_a_run_that_was_stopped_says_why_and_how_to_go_on(out, capsys, monkeypat
     monkeypatch.undo()
     assert main(["resume", out]) == 0
     assert RunFolder(Path(out)).splats.is_file()
+
+
+@pytest.mark.parametrize(
+    ("divided", "phrase"),
+    [
+        (False, ", 3 processes for 2 views of a step; 1 without a view"),
+        (True, ", 3 processes that share the Gaussians"),
+    ],
+)
+def test_processes_that_share_the_gaussians_all_have_work(divided, phrase):
+    team = SimpleNamespace(size=3, shares_rendering=divided)
+    sampler = SimpleNamespace(views_per_step=2)
+    composition = SimpleNamespace(
+        parts=SimpleNamespace(team=team),
+        settings=SimpleNamespace(config=SimpleNamespace(sampler=sampler)),
+    )
+    assert training._of_processes(composition) == phrase
