@@ -21,6 +21,7 @@ from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.notebook import is_notebook
 from gsfw.core.progress import Advance, shown_by
+from gsfw.core.words import metric_name, shown_metrics
 
 SMOOTHING = 0.9
 """Weight of the past in the displayed loss and PSNR: single views differ too much."""
@@ -146,7 +147,8 @@ class Progress(Callback):
         self._figures.held_out_psnr = evaluation.means.get("psnr")
         if step == self._run.steps:
             return
-        means = ", ".join(_figure(name, value) for name, value in evaluation.means.items())
+        names = shown_metrics(evaluation.means, self._run.protocol)
+        means = ", ".join(_figure(name, evaluation.means[name]) for name in names)
         figures = self._figures
         small = f" (training images have {figures.size} of their size)" * figures.is_small
         self._say(
@@ -173,9 +175,8 @@ class Progress(Callback):
 
 def _figure(name: str, value: float) -> str:
     """A metric in words: "PSNR 30.52 dB", "SSIM 0.9871"."""
-    words = name.replace("_", " ").replace("psnr", "PSNR").replace("ssim", "SSIM")
     is_psnr = name.endswith("psnr")
-    return f"{words} {value:.2f} dB" if is_psnr else f"{words} {value:.4g}"
+    return f"{metric_name(name)} {value:.2f} dB" if is_psnr else f"{metric_name(name)} {value:.4g}"
 
 
 def _smoothed(past: float, now: float) -> float:

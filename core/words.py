@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 def duration(seconds: int | float) -> str:
@@ -43,6 +43,22 @@ def rough_size(count: int | float) -> str:
     unit, name = (1e9, "GB") if count >= 0.9995e9 else (1e6, "MB")
     amount = count / unit
     return f"{amount:.1f} {name}" if unit == 1e9 and amount < 9.95 else f"{amount:.0f} {name}"
+
+
+def metric_name(name: str) -> str:
+    """A metric as people read it: "moving_psnr" is "moving PSNR"."""
+    words = name.replace("_", " ").replace("color corrected", "colour-corrected")
+    return words.replace("psnr", "PSNR").replace("ssim", "SSIM").replace("lpips", "LPIPS")
+
+
+def shown_metrics(names: Iterable[str], protocol: Mapping[str, object]) -> list[str]:
+    """The metrics worth a row: colour-corrected ones only of runs that learnt exposures.
+
+    Args:
+        names: names of metrics.
+        protocol: the measurement protocol of the figures; empty if unknown.
+    """
+    return [name for name in names if "exposure" in protocol or "color_corrected" not in name]
 
 
 def _parts(seconds: int | float) -> tuple[int, int, int]:

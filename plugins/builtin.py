@@ -17,4 +17,9 @@ def gsfw_metrics() -> list[Spec]:
     return [
         Spec("psnr", "peak signal-to-noise ratio, dB", "gsfw.core.metrics:Psnr"),
         Spec("ssim", "structural similarity, 11x11 Gaussian window", "gsfw.core.metrics:Ssim"),
+        Spec(
+            "color_corrected_psnr",
+            "PSNR after the best affine map of the render's colours, dB",
+            "gsfw.core.metrics:ColorCorrectedPsnr",
+        ),
     ]

@@ -98,6 +98,8 @@ class Composition:
             "numerics": config.profile,
             "psnr": "per image on values clamped to [0, 1], then the mean",
             "ssim": "11x11 Gaussian window, sigma 1.5, zero padding",
+            "color_corrected_psnr": "as psnr, after a least-squares affine map of each image's "
+            "rendered colours to its photo's",
             "checkpoint": "last",
             **(TIME_PROTOCOL if self.scene.is_dynamic else {}),
             **self.parts.corrections.protocol(),

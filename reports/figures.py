@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gsfw.core.loop.baselines import NAMES
-from gsfw.core.words import duration, size
+from gsfw.core.words import duration, metric_name, size
 from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, note, span
-from gsfw.reports.plain_text import image_sizes, metric_name, metric_text, plain
+from gsfw.reports.plain_text import image_sizes, metric_text, plain
 from gsfw.reports.run_record import RunRecord
 
 OWN_TILES = ("psnr", "ssim", "moving_psnr")

@@ -60,12 +60,6 @@ def setting_text(value: object) -> str:
     return "-" if value is None else as_text(value) or "(empty)"
 
 
-def metric_name(name: str) -> str:
-    """The name of a metric: "moving_psnr" is "moving PSNR"."""
-    words = name.replace("_", " ")
-    return words.replace("psnr", "PSNR").replace("ssim", "SSIM").replace("lpips", "LPIPS")
-
-
 def metric_text(name: str, value: float) -> str:
     """A value of a metric, without its unit."""
     if "psnr" in name:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
-from gsfw.core.words import duration, size
-from gsfw.reports.plain_text import metric_name, metric_text, plain
+from gsfw.core.words import duration, metric_name, size
+from gsfw.reports.plain_text import metric_text, plain
 from gsfw.reports.run_record import RunRecord
 
 PARTS = ("method", "preset", "strategy", "rasterizer", "datamanager", "sampler")
@@ -62,6 +62,13 @@ def _cost(key: str, name: str, text: Callable[[float], str]) -> Figure:
     return Figure(key, name, text, -1, COUNT_MARGIN, is_relative=True)
 
 
+def _other(name: str) -> Figure:
+    """A metric without a row of its own; that of a plugin has a better side if it is a PSNR."""
+    is_psnr = name.endswith("psnr")
+    text = partial(metric_text, name)
+    return Figure(name, metric_name(name), text, int(is_psnr), PSNR_MARGIN if is_psnr else 0.0)
+
+
 def _measured(key: str, name: str, text: Callable[[float], str]) -> Figure:
     """A time or an amount of memory."""
     return Figure(key, name, text, -1, MACHINE_MARGIN, is_relative=True, is_of_machine=True)
@@ -83,7 +90,7 @@ COST = (
     _measured("peak_memory_mb", "memory", lambda mb: size(1e6 * mb)),
     _measured("peak_gpu_memory_mb", "memory of the GPU", lambda mb: size(1e6 * mb)),
 )
-"""Rows of the table; metrics of plugins stand between the two, without a better side."""
+"""Rows of the table; all other metrics stand between the two."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +104,7 @@ class RunComparison:
         """Figures that some run has."""
         known = {figure.key for figure in QUALITY}
         names = dict.fromkeys(name for record in self.records for name in record.metrics)
-        others = [
-            Figure(name, metric_name(name), lambda value, name=name: metric_text(name, value))  # type: ignore[misc]
-            for name in names
-            if name not in known
-        ]
+        others = [_other(name) for name in names if name not in known]
         rows = {
             figure: [figure.value(record) for record in self.records]
             for figure in (*QUALITY, *others, *COST)

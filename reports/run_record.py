@@ -11,6 +11,7 @@ from typing import Any
 
 from gsfw.core.loop.checkpoint_file import checkpoint_environment
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shown_metrics
 from gsfw.plugins.config_file import read_header
 from gsfw.reports.run_log import Messages, read_messages
 from gsfw.reports.run_state import State
@@ -95,8 +96,9 @@ class RunRecord:
 
     @property
     def metrics(self) -> list[str]:
-        """Names of the metrics of held-out views, also those of plugins, in their order."""
-        names = dict.fromkeys(name for view in self.per_view for name in view)
+        """Names of the metrics of held-out views worth a row, also those of plugins, in order."""
+        found = dict.fromkeys(name for view in self.per_view for name in view)
+        names = shown_metrics(found, self.protocol)
         return [name for name in names if number(self.evaluation.get(name)) is not None]
 
     def figure(self, name: str) -> float | None:

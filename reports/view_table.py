@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from gsfw.core.words import metric_name, shown_metrics
 from gsfw.reports.markup import (
     NOTHING,
     Child,
@@ -20,7 +21,7 @@ from gsfw.reports.markup import (
     webp_uri,
 )
 from gsfw.reports.pictures import Pictures, ViewPicture
-from gsfw.reports.plain_text import metric_name, metric_text
+from gsfw.reports.plain_text import metric_text
 from gsfw.reports.run_record import RunRecord, number
 
 KINDS = (("target", "ground truth"), ("rendered", "render"), ("error", "error"))
@@ -53,7 +54,7 @@ def view_section(record: RunRecord, pictures: Pictures | None) -> Markup:
         return section("views", "Views", element("p", "No view was compared."))
     is_trained = pictures is not None and pictures.split == "train" and not record.per_view
     split = "training" if is_trained else "held-out"
-    names = figure_names(views)
+    names = shown_metrics(figure_names(views), record.protocol)[:MOST_FIGURES]
     body = [_stretch(part, names, drawn, _range(views)) for part in _stretches(views, drawn)]
     left_out = len(views) - MOST_ROWS
     if left_out > 0:
@@ -75,7 +76,7 @@ def figure_names(views: Sequence[View]) -> list[str]:
     names = dict.fromkeys(
         name for view in views for name, value in view.items() if number(value) is not None
     )
-    return list(names)[:MOST_FIGURES]
+    return list(names)
 
 
 def _lead(

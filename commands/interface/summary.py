@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from gsfw.commands.interface.console import WIDTH_OF_FILES
-from gsfw.core.words import duration, shell_argument, size
+from gsfw.core.words import duration, metric_name, shell_argument, shown_metrics, size
 from gsfw.plugins.registry import installed
 from gsfw.reports.plain_text import image_sizes
 
@@ -57,6 +57,7 @@ def quality_rows(
     others = [f"{name} has {value:.2f} dB" for name, value in known if isinstance(value, float)]
     remarks = {"psnr": "; ".join([f"mean of {views}", *others])}
     moving = baselines.get("constant_moving_psnr")
+    remarks["color_corrected_psnr"] = "each render's colours fitted to its photo first"
     remarks["moving_psnr"] = "of the moving region"
     if isinstance(moving, float):
         remarks["moving_psnr"] += f"; one colour has {moving:.2f} dB there"
@@ -67,8 +68,7 @@ def quality_rows(
 
 def _words(name: str) -> str:
     """The name of a metric, without what its remark says."""
-    words = name.removeprefix("moving_") if name == "moving_psnr" else name
-    return words.replace("_", " ").replace("psnr", "PSNR").replace("ssim", "SSIM")
+    return metric_name("psnr" if name == "moving_psnr" else name)
 
 
 def _figure(name: str, value: float | None) -> str:
@@ -87,8 +87,10 @@ def run_rows(
         requirements: what the parts of the model are worth, as a phrase; empty if not measured.
         invisible: Gaussians that splats.ply leaves out.
     """
-    means = {name: summary[name] for name in (*FIRST_METRICS, *metrics) if name in summary}
-    views = compared_views(str(summary["views"]), "held-out", summary.get("protocol", {}))
+    protocol = summary.get("protocol", {})
+    names = shown_metrics((*FIRST_METRICS, *metrics), protocol)
+    means = {name: summary[name] for name in names if name in summary}
+    views = compared_views(str(summary["views"]), "held-out", protocol)
     rows = quality_rows(means, summary.get("baselines", {}), views)
     remark = f"{invisible:,} are too faint to be seen, and not in splats.ply" if invisible else ""
     rows.append(Row("Gaussians", f"{summary['num_gaussians']:,}", remark))

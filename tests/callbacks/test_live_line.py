@@ -124,7 +124,8 @@ def test_on_a_terminal_the_line_is_removed_at_the_end_and_evaluations_stay(termi
     for step in (10, 20):
         progress.on_tick(step, control)
         progress.on_step(report_of(step), control)
-    evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0, "ssim": 0.91234})
+    means = {"psnr": 30.0, "ssim": 0.91234, "color_corrected_psnr": 31.0}
+    evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, means)
     with stage("evaluating held-out views", 8) as advance:
         advance(3)
         progress._live.refresh()

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.core.words import clock, duration, rough_duration, rough_size, shell_argument, size
+from gsfw.core.words import (
+    clock,
+    duration,
+    metric_name,
+    rough_duration,
+    rough_size,
+    shell_argument,
+    shown_metrics,
+    size,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,3 +68,14 @@ def test_no_other_module_spells_times_or_sizes_of_its_own():
         if spells.search(path.read_text())
     ]
     assert found == ["core/words.py"]
+
+
+def test_metrics_have_words():
+    assert metric_name("moving_psnr") == "moving PSNR"
+    assert metric_name("color_corrected_psnr") == "colour-corrected PSNR"
+
+
+def test_corrected_colors_have_a_row_where_exposures_were_learnt():
+    names = ["psnr", "color_corrected_psnr", "moving_color_corrected_psnr", "own"]
+    assert shown_metrics(names, {"psnr": "per image"}) == ["psnr", "own"]
+    assert shown_metrics(names, {"exposure": "learnt for training images"}) == names

@@ -34,7 +34,7 @@ def test_the_built_in_plugins_are_loaded_by_the_public_hooks(monkeypatch):
     discovery = Discovery()
     discovery.load_builtin()
     names = {spec.name for spec in discovery.specs("gsfw_metrics")}
-    assert names == {"psnr", "ssim"}
+    assert names == {"psnr", "ssim", "color_corrected_psnr"}
     assert {spec.distribution for spec in discovery.specs("gsfw_commands")} == {"gsfw"}
     assert len(BUILTIN) == len(set(BUILTIN))
 

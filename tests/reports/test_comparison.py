@@ -152,16 +152,32 @@ def test_the_head_of_a_comparison_names_the_best_run(tmp_path):
 def test_metrics_of_plugins_are_compared_without_a_better_side(tmp_path):
     runs = []
     for name, value in (("one", 0.25), ("two", 0.5)):
-        folder = write_run(tmp_path / name, {"a": 20.0}, my_metric=value)
-        path = folder.evaluations / "step_000000100.json"
-        text = path.read_text().replace('"name": "a",', f'"name": "a", "my_metric": {value},')
-        path.write_text(text)
-        runs.append(read_run(folder))
+        own = {"my_metric": value}
+        runs.append(read_run(write_run(tmp_path / name, {"a": 20.0}, each=own, **own)))
     comparison = RunComparison(tuple(runs))
     found = next(figure for figure in comparison.figures if figure.key == "my_metric")
     assert found.name == "my metric"
     assert [found.text(value) for value in comparison.figures[found]] == ["0.2500", "0.5000"]
     assert comparison.best(found) == [False, False]
+
+
+def measured_run(path, corrected: float, **protocol: str):
+    """A run whose view has a colour-corrected PSNR."""
+    each = {"color_corrected_psnr": corrected}
+    return read_run(
+        write_run(path, {"a": 20.0}, each=each, **each, protocol={**PROTOCOL, **protocol})
+    )
+
+
+def test_corrected_colors_are_compared_where_a_run_learnt_exposures(tmp_path):
+    plain, other = (measured_run(tmp_path / name, 21.0) for name in ("plain", "other"))
+    exposed = measured_run(tmp_path / "exposed", 23.0, exposure="learnt for training images")
+    names = [figure.name for figure in RunComparison((plain, other)).figures]
+    assert "colour-corrected PSNR" not in names
+    comparison = RunComparison((plain, exposed))
+    found = next(f for f in comparison.figures if f.name == "colour-corrected PSNR")
+    assert comparison.figures[found] == [21.0, 23.0]
+    assert comparison.best(found) == [False, True]
 
 
 def test_a_comparison_with_large_stored_films_stays_within_the_bound(tmp_path):

@@ -6,7 +6,7 @@ import shutil
 import pytest
 import torch
 from support.report_pages import parsed
-from support.report_runs import write_run
+from support.report_runs import PROTOCOL, write_run
 from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
@@ -326,12 +326,22 @@ def test_a_finished_run_that_never_was_evaluated_says_how_to_measure_it(tmp_path
 
 
 def test_metrics_of_plugins_have_tiles_and_columns(tmp_path):
-    folder = write_run(tmp_path / "run", {"a": 20.0}, my_metric=0.25)
-    path = folder.evaluations / "step_000000100.json"
-    path.write_text(path.read_text().replace('"name": "a",', '"name": "a", "my_metric": 0.75,'))
+    each = {"my_metric": 0.75}
+    folder = write_run(tmp_path / "run", {"a": 20.0}, each=each, my_metric=0.25)
     text = page_of(folder).text
     assert "my metric 0.2500" in text
     assert "0.7500" in text
+
+
+@pytest.mark.parametrize("more", [{}, {"exposure": "learnt for training images"}])
+def test_corrected_colors_have_a_tile_and_a_column_where_exposures_were_learnt(tmp_path, more):
+    each, protocol = {"color_corrected_psnr": 21.75}, {**PROTOCOL, **more}
+    folder = write_run(
+        tmp_path / "run", {"a": 20.0}, each=each, color_corrected_psnr=21.25, protocol=protocol
+    )
+    text = page_of(folder).text
+    shown = ["colour-corrected PSNR" in text, "21.25" in text, "21.75" in text]
+    assert shown == [bool(more)] * 3
 
 
 def test_where_the_last_evaluation_is_lost_the_final_figures_count(tmp_path):

@@ -1,6 +1,7 @@
 """Folders of runs that were never trained: their files are written as a run would write them."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 from gsfw.core.loop.run_folder import RunFolder
@@ -27,11 +28,12 @@ def write_run(
     psnrs: dict[str, float],
     steps: int = 100,
     done: int | None = None,
+    each: Mapping[str, float] | None = None,
     **more: object,
 ) -> RunFolder:
     """A run with these PSNR by view, which has done all of its steps unless ``done`` says less.
 
-    ``more`` is added to its evaluation and to its final figures.
+    ``each`` is added to the figures of each view, ``more`` to its evaluation and its final figures.
     """
     folder, done = RunFolder(path), steps if done is None else done
     path.mkdir(parents=True, exist_ok=True)
@@ -44,7 +46,9 @@ def write_run(
         "psnr": mean, "render_ms": 2.0, "baselines": {"constant_psnr": 8.0}, "findings": [],
         "protocol": PROTOCOL, **more,
     }  # fmt: skip
-    views = [{"name": name, "psnr": psnr, "ssim": 0.5} for name, psnr in psnrs.items()]
+    views = [
+        {"name": name, "psnr": psnr, "ssim": 0.5, **(each or {})} for name, psnr in psnrs.items()
+    ]
     document = {"step": done, **figures, "per_view": views}
     folder.write_json(folder.evaluations / f"step_{done:09d}.json", document)
     if done == steps:

@@ -37,6 +37,15 @@ def test_the_size_of_compared_images_is_beside_the_psnr():
     assert compared_views("1", "training", full) == "1 training view of 718 x 1280 pixels"
 
 
+def test_colors_are_corrected_where_exposures_were_learnt():
+    run, names = {**RUN, "color_corrected_psnr": 31.5}, ("psnr", "ssim", "color_corrected_psnr")
+    assert not [row for row in run_rows(run, names) if row.value == "31.50 dB"]
+    learnt = {"exposure": "learnt for training images"}
+    rows = run_rows({**run, "protocol": learnt}, names)
+    remark = "each render's colours fitted to its photo first"
+    assert Row("colour-corrected PSNR", "31.50 dB", remark) in rows
+
+
 def test_updates_that_count_as_several_steps_are_explained():
     (row,) = (r for r in run_rows({**RUN, "updates": 12}, ()) if r.name == "training")
     assert row.remark == (
@@ -62,7 +71,7 @@ def test_a_moving_scene_has_what_moves_and_the_size_of_a_time():
 
 def test_metrics_of_plugins_follow_those_that_everybody_knows():
     names = [row.name for row in quality_rows({"lpips": 0.1, "psnr": 30.0}, {}, "3 views")]
-    assert names == ["PSNR", "lpips"]
+    assert names == ["PSNR", "LPIPS"]
 
 
 def test_skipped_steps_are_not_hidden():
