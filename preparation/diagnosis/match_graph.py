@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from gsfw.preparation.diagnosis.link import MOVED, FeaturePlaces, Link
+from gsfw.preparation.diagnosis.repetition import repeated_share
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.native import readable_native_errors
 
@@ -65,6 +66,8 @@ class MatchGraph:
     links: tuple[Link, ...]
     still: float = 0.0
     """Typical part of two images' matches that stays in place although the view moves."""
+    repeated: float = 0.0
+    """Typical part of an image's features whose like is in it elsewhere."""
 
     @staticmethod
     def read(database: Path, images: ImageSet) -> MatchGraph:
@@ -100,7 +103,8 @@ class MatchGraph:
                     links.append(Link(*ends, *counts, shift, flat, turn))
                 elif matches.get(pair):
                     links.append(Link(*ends, matches[pair]))
-            return MatchGraph(names, tuple(links), places.still(links))
+            still, repeated = places.still(links), repeated_share(opened)
+            return MatchGraph(names, tuple(links), still, repeated)
 
     @property
     def has_overlay(self) -> bool:
