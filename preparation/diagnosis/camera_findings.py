@@ -12,8 +12,7 @@ import numpy as np
 
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
-from gsfw.preparation.diagnosis.own_focals import UNLIKE
-from gsfw.preparation.diagnosis.unregistered import PER_IMAGE
+from gsfw.preparation.diagnosis.own_focals import PER_IMAGE, UNLIKE
 from gsfw.preparation.finding import Finding, Weight, listed
 from gsfw.preparation.parallel_views import PARALLEL
 

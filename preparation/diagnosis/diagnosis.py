@@ -15,13 +15,19 @@ from gsfw.preparation.diagnosis.match_graph import Bridge, Component
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
 from gsfw.preparation.diagnosis.registration_findings import registration_findings
 from gsfw.preparation.diagnosis.unregistered import Unregistered
-from gsfw.preparation.diagnosis.view_findings import view_findings
+from gsfw.preparation.diagnosis.view_findings import repetition_findings, view_findings
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.finding import Finding, Verdict, sorted_findings
 from gsfw.preparation.image_set import ImageSet, LeftOut
 from gsfw.preparation.mapping.mapping import Mapping as CameraMapping
 
-JUDGES = (focal_findings, registration_findings, view_findings, camera_findings)
+JUDGES = (
+    focal_findings,
+    repetition_findings,
+    registration_findings,
+    view_findings,
+    camera_findings,
+)
 
 
 @dataclass(frozen=True)

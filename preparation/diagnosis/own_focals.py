@@ -25,9 +25,15 @@ EXPLAINED = 0.6
 """Part of an image's error that its own focal length may leave: 0.14 to 0.48 of rendered images
 with a zoom of 1.7 or 2.2; 0.73 and more of all other images whose own is so different."""
 MOST_OBSERVATIONS = 40_000
-"""Points are left out beyond this: an adjustment of 27,000 observations takes three seconds of a
-core."""
+"""Points are left out beyond this: 24,000 observations take two seconds of a core."""
 ITERATIONS = 15
+"""25 and 50 find the same images and focal lengths."""
+PER_IMAGE = (
+    "Compute the cameras again with a focal length for each image: gsfw prepare IMAGES out=DIR "
+    "cameras=per-image; or sort the images of each focal length into a folder of its own, and use "
+    "cameras=per-folder."
+)
+"""Remedy for images of several focal lengths that share a camera."""
 
 
 def own_focals(model: Reconstruction) -> dict[str, float]:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
-from gsfw.preparation.diagnosis.unregistered import PER_IMAGE
+from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
+from gsfw.preparation.diagnosis.repetition import ONCE
 from gsfw.preparation.finding import Finding, Weight, listed, remedies
 
 MOST = 0.9
@@ -64,8 +65,6 @@ def _unplaced(evidence: Evidence) -> Finding:
     reasons = Counter(item.reason for item in missed).most_common(SHOWN)
     first = {item.reason: item.advice for item in reversed(missed)}
     advice = " ".join(remedies((reason, first[reason]) for reason, _ in reasons))
-    if evidence.has_own_focals:
-        advice = PER_IMAGE
     return Finding(
         "images not placed",
         weight,
@@ -73,9 +72,16 @@ def _unplaced(evidence: Evidence) -> Finding:
         "What only the others show will be missing."
         if weight is not Weight.STOP
         else "What is left is too small a part of what was photographed.",
-        advice,
+        _remedy_of_cause(evidence) or advice,
         tuple(item.name for item in missed),
     )
+
+
+def _remedy_of_cause(evidence: Evidence) -> str:
+    """Remedy for what keeps images from being placed that match well; empty if nothing known."""
+    if evidence.has_own_focals:
+        return PER_IMAGE
+    return ONCE if evidence.graph.is_repetitive else ""
 
 
 def _reasons(evidence: Evidence) -> str:
@@ -122,8 +128,8 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
         ):
             weak.append((model, evidence.graph.bridge(ours, theirs)))
         reached.append(model)
-    # Photos in between would not join images of several focal lengths.
-    if weak and not evidence.has_own_focals:
+    # Photos in between remove no other cause.
+    if weak and not _remedy_of_cause(evidence):
         sizes = _and([len(model) for model, _ in weak])
         advice = "; ".join(bridge.advice for _, bridge in weak[:SHOWN])
         yield Finding(

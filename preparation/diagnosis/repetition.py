@@ -13,6 +13,11 @@ import numpy as np
 if TYPE_CHECKING:
     from pycolmap import Camera, Database
 
+ONCE = (
+    "Show something that is there once in each image, such as a door, a sign, a corner or the "
+    "ground: step back, or stick up posters."
+)
+"""Remedy for texture that repeats itself."""
 ALIKE = 0.965
 """Cosine of two descriptors that are as like as matches: the median of fox's matches, and of those
 of plush is 0.97."""
@@ -27,7 +32,7 @@ def repeated_share(database: Database) -> float:
     images = sorted(database.read_all_images(), key=lambda image: image.image_id)
     shares = [
         _share(database, image.image_id, database.read_camera(image.camera_id))
-        for image in images[:: -(-len(images) // IMAGES)]
+        for image in images[:: 1 + len(images) // IMAGES]
         if database.exists_descriptors(image.image_id)
     ]
     return float(np.median(shares)) if shares else 0.0

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from gsfw.preparation.diagnosis.link import JOINED, LEAST, Link
 from gsfw.preparation.diagnosis.match_graph import Bridge, MatchGraph
+from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
 from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.image_quality import EMPTY, SOFT
@@ -36,12 +37,6 @@ SMALL = 800
 MATCHED = 100
 """Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
-PER_IMAGE = (
-    "Compute the cameras again with a focal length for each image: gsfw prepare IMAGES out=DIR "
-    "cameras=per-image; or sort the images of each focal length into a folder of its own, and use "
-    "cameras=per-folder."
-)
-"""Remedy for images of several focal lengths that share a camera."""
 TEXTURE = "Include something with texture: step back, or put patterned things there."
 COPIED = 0.6
 """Least part of verified matches among the poorer image's features of two copies: with other

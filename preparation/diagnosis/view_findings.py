@@ -11,6 +11,7 @@ from gsfw.preparation.blur import all_blurred, motion_findings
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS, has_computed_focal
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
+from gsfw.preparation.diagnosis.repetition import ONCE
 from gsfw.preparation.diagnosis.unregistered import APART, is_copy
 from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import SOFT
@@ -27,10 +28,6 @@ MOST_FLAT = 0.95
 """Part of those pairs that fit a plane: 136 of 272 of fox and plush."""
 FEW_PAIRS = 3
 """Pairs that tell nothing yet."""
-REPEATED = 0.3
-"""Part of an image's features that is repeated in it: 0.05 and less of all photos of fox and plush,
-0.00 to 0.11 of a rendered facade with other marks of a fifth and more of the contrast of its
-windows, 0.93 without marks. Of a wall of tiles with 0.99, 8 of 20 images were placed, wrongly."""
 TILTED = 10.0
 """Degrees between a view and the mean of all from which on views of a plane tell the focal length:
 in 8 simulated flights over a plane (15 images, 600 points, noise of half a pixel of 1024) it was
@@ -43,7 +40,6 @@ def view_findings(evidence: Evidence) -> Iterator[Finding]:
     yield from _one_view(evidence)
     yield from _turns_or_plane(evidence)
     yield from _still(evidence)
-    yield from _repeated(evidence)
 
 
 def _blur(evidence: Evidence) -> Iterator[Finding]:
@@ -137,15 +133,15 @@ def _still(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _repeated(evidence: Evidence) -> Iterator[Finding]:
-    repeated = evidence.graph.repeated
-    if repeated > REPEATED:
+def repetition_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Texture that repeats itself, which others of the findings follow from."""
+    if evidence.graph.is_repetitive:
+        share = 100 * evidence.graph.repeated
         yield Finding(
             "repeated texture",
             Weight.LIMIT if evidence.unregistered else Weight.NOTE,
-            f"{100 * repeated:.0f} % of the features of an image have their like elsewhere in it "
+            f"{share:.0f} % of the features of an image have their like elsewhere in it "
             "(median), as those of tiles, bricks or windows.",
             "Different places that look the same are matched: images may get wrong poses, or none.",
-            "Show something that is there once in each image, such as a door, a sign, a corner or "
-            "the ground: step back, or stick up posters.",
+            ONCE,
         )

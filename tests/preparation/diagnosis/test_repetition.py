@@ -9,7 +9,7 @@ import pytest
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
 from gsfw.preparation.diagnosis.repetition import repeated_share
-from gsfw.preparation.diagnosis.view_findings import view_findings
+from gsfw.preparation.diagnosis.view_findings import repetition_findings
 from gsfw.preparation.image_set import ImageSet
 
 SHOWN = 100
@@ -51,10 +51,15 @@ def test_features_of_one_place_are_not_repeated(tmp_path: Path) -> None:
     assert share(tmp_path / "near.db", distinct=20, step=10.0) == 0.0
 
 
+def test_a_database_without_images_repeats_nothing(tmp_path: Path) -> None:
+    with pycolmap.Database.open(tmp_path / "empty.db") as database:
+        assert repeated_share(database) == 0.0
+
+
 def test_repeated_texture_is_told_with_its_share() -> None:
     graph = MatchGraph((), (), repeated=0.93)
-    (finding,) = view_findings(Evidence(ImageSet(()), (), {}, graph, (), None))
+    (finding,) = repetition_findings(Evidence(ImageSet(()), (), {}, graph, (), None))
     assert finding.kind == "repeated texture"
     assert finding.found.startswith("93 % of the features of an image have their like elsewhere")
     photo = Evidence(ImageSet(()), (), {}, MatchGraph((), (), repeated=0.11), (), None)
-    assert list(view_findings(photo)) == []
+    assert list(repetition_findings(photo)) == []
