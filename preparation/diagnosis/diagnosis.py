@@ -29,6 +29,9 @@ JUDGES = (
     camera_findings,
 )
 
+MOST_CAMERAS = 5
+"""Cameras that have a sentence each: ``cameras=per-image`` makes as many as there are images."""
+
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -144,7 +147,14 @@ def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
             f"The points take up {baselines.cloud_to_spread:.1f} times the room that the cameras "
             "do."
         )
-    yield from map(_camera, figures.cameras)
+    if len(figures.cameras) > MOST_CAMERAS:
+        focals = [camera.focal for camera in figures.cameras]
+        yield (
+            f"{len(focals)} cameras have focal lengths of {min(focals):.0f} to {max(focals):.0f} "
+            "pixels; prepare.json lists them."
+        )
+    else:
+        yield from map(_camera, figures.cameras)
 
 
 def _camera(camera: CameraFigures) -> str:

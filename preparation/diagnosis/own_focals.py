@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 UNLIKE = 1.15
 """Ratio of two focal lengths of one lens that are too different: autofocus moves it by some per
-cent. Own focal lengths of fox are within 1.04, of plush 1.05, of rendered images with a rolling
-shutter 1.09, and over a plane, which leaves them open, anything."""
+cent. Own focal lengths of fox are within 1.04 of their camera's, and over a plane, which leaves
+them open, they are anything."""
 EXPLAINED = 0.6
 """Part of an image's error that its own focal length may leave: 0.14 to 0.48 of rendered images
 with a zoom of 1.7 or 2.2; 0.73 and more of all other images whose own is so different."""
@@ -44,7 +44,6 @@ def own_focals(model: Reconstruction) -> dict[str, float]:
     shared, single = _sampled(model, own=False), _sampled(model, own=True)
     before = _errors(shared)
     options = adjustment_options(jobs=1)
-    options.refine_extra_params = False
     options.ceres.solver_options.max_num_iterations = ITERATIONS
     adjust(single, options)
     after = _errors(single)
@@ -65,21 +64,38 @@ def _errors(model: Reconstruction) -> dict[str, float]:
 
 
 def _sampled(model: Reconstruction, own: bool) -> Reconstruction:
-    """A copy with as many points as there is time for; ``own``: a camera for each image."""
+    """A copy of undistorted images, with as many points as there is time for.
+
+    A lens of two focal lengths for each image would also fit the stretch of a rolling shutter.
+
+    Args:
+        model: with any lenses.
+        own: whether each image has a camera of its own.
+    """
     import pycolmap
 
     copy = pycolmap.Reconstruction()
+    is_seen = {}
     for number in sorted(model.reg_image_ids()):
         image = model.image(number)
-        camera = pycolmap.Camera(model.camera(image.camera_id).todict())
-        camera.camera_id = number if own else image.camera_id
-        if not copy.exists_camera(camera.camera_id):
+        lens = model.camera(image.camera_id)
+        focal, sides = lens.mean_focal_length(), (lens.width, lens.height)
+        camera_id = number if own else image.camera_id
+        if not copy.exists_camera(camera_id):
+            camera = pycolmap.Camera.create_from_model_name(
+                camera_id, "SIMPLE_PINHOLE", focal, *sides
+            )
             copy.add_camera_with_trivial_rig(camera)
-        places = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-        taken = pycolmap.Image(image.name, places, camera.camera_id, number)
+        pixels = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        places = focal * lens.cam_from_img(pixels) + np.array(sides) / 2
+        # A distortion that folds the image over cannot be undone everywhere.
+        is_seen[number] = np.isfinite(places).all(axis=1)
+        taken = pycolmap.Image(image.name, places, camera_id, number)
         copy.add_image_with_trivial_frame(taken, image.cam_from_world())
     step = 1 + model.compute_num_observations() // MOST_OBSERVATIONS
     for number in sorted(model.point3D_ids())[::step]:
         point = model.point3D(number)
-        copy.add_point3D(point.xyz, point.track)
+        elements = [e for e in point.track.elements if is_seen[e.image_id][e.point2D_idx]]
+        if len(elements) > 1:
+            copy.add_point3D(point.xyz, pycolmap.Track(elements))
     return copy

@@ -272,6 +272,17 @@ def test_the_field_of_view_names_its_side() -> None:
     assert "900 pixels, a field of view of 58.0 degrees across the width; EXIF says" in sentence
 
 
+def test_many_cameras_share_a_sentence() -> None:
+    cameras = tuple(
+        replace(figures().cameras[0], number=number, focal=900.0 + number) for number in range(6)
+    )
+    sentences = list(words_of(figures(cameras=cameras), 50))
+    assert sentences[-1] == (
+        "6 cameras have focal lengths of 900 to 905 pixels; prepare.json lists them."
+    )
+    assert not any(text.startswith("Camera ") for text in sentences)
+
+
 def found_in(model: ModelFigures) -> list[Finding]:
     header, exif = Header(1000, 800, False), Exif(make="Acme", model="One", focal_mm=4.2)
     images = tuple(SourceImage(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))

@@ -14,13 +14,16 @@ NOISE = 0.3
 VIEWS = 8
 
 
-def model_of(focals: dict[int, float], thickness: float = 1.0, own: bool = False) -> Any:
+def model_of(
+    focals: dict[int, float], thickness: float = 1.0, own: bool = False, swing: float = 0.0
+) -> Any:
     """A model of one focal length for all, whose other images have been moved towards the points.
 
     Args:
         focals: with which images were taken, by their numbers; ``FOCAL`` for the others.
         thickness: of the points across a plane.
         own: whether each image has a camera of its own, with the right focal length.
+        swing: degrees by which cameras turn, each about another axis, while rows are read.
     """
     generator = np.random.default_rng(0)
     points = generator.uniform(-1, 1, (150, 3)) * (1, 1, thickness)
@@ -33,16 +36,22 @@ def model_of(focals: dict[int, float], thickness: float = 1.0, own: bool = False
         pose = looking_at(center, 0.2 * generator.normal(size=3))
         local = points @ pose[:3, :3].T + pose[:3, 3]
         places = taken * local[:, :2] / local[:, 2:] + (WIDTH / 2, HEIGHT / 2)
+        axis = generator.normal(size=3)
+        axis *= np.radians(swing) / np.linalg.norm(axis)
+        for _ in range(4 if swing else 0):
+            moments = places[:, 1:] / HEIGHT - 0.5
+            seen = local + np.cross(axis * moments, local)
+            places = taken * seen[:, :2] / seen[:, 2:] + (WIDTH / 2, HEIGHT / 2)
         places += generator.normal(0, NOISE, places.shape)
         focal = taken if own else FOCAL
         pose[2, 3] *= focal / taken
         camera = number if own else 1
         if not model.exists_camera(camera):
-            intrinsics = [focal, WIDTH / 2, HEIGHT / 2]
+            intrinsics = [focal, focal, WIDTH / 2, HEIGHT / 2, 0, 0, 0, 0]
             model.add_camera_with_trivial_rig(
                 pycolmap.Camera(
                     camera_id=camera,
-                    model="SIMPLE_PINHOLE",
+                    model="OPENCV",
                     width=WIDTH,
                     height=HEIGHT,
                     params=intrinsics,
@@ -66,6 +75,20 @@ def test_images_of_another_focal_length_are_found_with_it() -> None:
 @pytest.mark.parametrize("thickness", [1.0, 0.0])
 def test_one_focal_length_for_all_is_enough_for_one_lens(thickness: float) -> None:
     assert own_focals(model_of({}, thickness)) == {}
+
+
+@pytest.mark.parametrize("thickness", [1.0, 0.1])
+def test_images_that_a_rolling_shutter_bends_have_no_other_focal_length(thickness: float) -> None:
+    assert own_focals(model_of({}, thickness, swing=5.0)) == {}
+
+
+def test_places_that_a_lens_cannot_have_shown_do_not_count() -> None:
+    model = model_of({3: 700.0, 6: 700.0})
+    lens = model.camera(1)
+    lens.params = [*lens.params[:4], -0.005, 0.0, 0.0, 0.0]
+    model.image(1).points2D[5].xy = far = np.array([1e6, 1e6])
+    assert lens.cam_from_img(far) is None
+    assert list(own_focals(model)) == ["3.jpg", "6.jpg"]
 
 
 def test_cameras_of_single_images_have_their_own_already() -> None:
