@@ -33,6 +33,11 @@ def arguments() -> argparse.Namespace:
         "--always", action="store_true", help="replace modules that work on the GPU, too"
     )
     parser.add_argument(
+        "--claim-gpu",
+        action="store_true",
+        help="without a GPU, let torch.cuda.is_available() be True, for scripts that require one",
+    )
+    parser.add_argument(
         "--without",
         metavar="PACKAGE",
         action="append",
@@ -55,16 +60,11 @@ def main() -> None:
     # As Python itself does for a script; here the place belongs to the folder of -m.
     sys.path[0] = str(given.script.resolve().parent)
     sys.argv = [str(given.script), *given.arguments]
-    sys.exit(run(given.script, given.always, given.without))
+    sys.exit(run(given))
 
 
-def run(script: Path, always: bool, without: list[str]) -> int:
+def run(given: argparse.Namespace) -> int:
     """Run a script with replaced modules, and without CUDA on the CPU.
-
-    Args:
-        script: its path.
-        always: replace modules that work on the GPU, too.
-        without: packages that the script only imports.
 
     Returns:
         The exit code: 0, or 1 or 2 after a message.
@@ -78,7 +78,7 @@ def run(script: Path, always: bool, without: list[str]) -> int:
     from gsfw.compat.replacement import replace_modules
 
     gpu = torch.cuda.is_available()
-    done = replace_modules(always, gpu)
+    done = replace_modules(given.always, gpu)
     notes = [f"{', '.join(done.replaced) or 'nothing'} replaced"]
     notes += (
         [f"{', '.join(done.kept)} kept as installed (--always replaces it)"] if done.kept else []
@@ -91,11 +91,11 @@ def run(script: Path, always: bool, without: list[str]) -> int:
     notes.append(f"rasterizer {os.environ.get('GSFW_RASTERIZER', 'auto')}")
     _say(f"gsfw.compat: {'; '.join(notes)}.")
     try:
-        leave_out(without)
-        with nullcontext() if gpu else CudaOnCpu():
-            runpy.run_path(str(script), run_name="__main__")
-    except (UserError, ImportError, ValueError) as error:
-        explained = explain(script, error)
+        leave_out(given.without)
+        with nullcontext() if gpu else CudaOnCpu(given.claim_gpu):
+            runpy.run_path(str(given.script), run_name="__main__")
+    except (UserError, ImportError, ValueError, AssertionError, RuntimeError) as error:
+        explained = explain(given.script, error)
         if explained is None:
             raise
         if explained.traceback:

@@ -23,15 +23,22 @@ class CudaOnCpu(TorchFunctionMode):
 
     It costs about a microsecond for each call of a torch function, and works in the thread that
     entered it and in processes that this thread forks. ``torch.cuda.is_available()`` stays False,
-    since there is no GPU: scripts that insist on it have to be told otherwise by their own options.
+    since there is no GPU.
+
+    Args:
+        claim_gpu: let it be True, with one device, for scripts that end without a GPU.
     """
+
+    def __init__(self, claim_gpu: bool = False) -> None:
+        super().__init__()
+        self._patches = PATCHES + CLAIMS if claim_gpu else PATCHES
 
     def __enter__(self) -> CudaOnCpu:
         # Every optimizer imports it; it keeps a list of torch's functions, and refuses what is
         # there under two names, as the functions here are.
         import_module("torch._dynamo")
-        self._originals = [(owner, name, getattr(owner, name)) for owner, name, _ in PATCHES]
-        for owner, name, stand_in in PATCHES:
+        self._originals = [(owner, name, getattr(owner, name)) for owner, name, _ in self._patches]
+        for owner, name, stand_in in self._patches:
             setattr(owner, name, stand_in)
         super().__enter__()
         return self
@@ -117,6 +124,14 @@ def _nothing(*_: object, **__: object) -> None:
 def _zero(*_: object, **__: object) -> int:
     """The number of a device, or of bytes on it."""
     return 0
+
+
+def _true() -> bool:
+    return True
+
+
+def _one() -> int:
+    return 1
 
 
 def _memory(*_: object) -> tuple[int, int]:
@@ -223,3 +238,8 @@ PATCHES: tuple[tuple[Any, str, Any], ...] = (
     (torch, "set_default_device", _default_on_cpu),
 )
 """Functions that are called directly, and so do not pass through the mode."""
+CLAIMS: tuple[tuple[Any, str, Any], ...] = (
+    (torch.cuda, "is_available", _true),
+    (torch.cuda, "device_count", _one),
+)
+"""Functions that scripts ask for a GPU."""

@@ -7,6 +7,8 @@ import traceback
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
+
 from gsfw.api import UserError
 from gsfw.compat.refusal import ELSEWHERE
 from gsfw.compat.replacement import MODULES
@@ -31,6 +33,7 @@ UNSUPPORTED = {
 MOST_RESULTS = 3
 """Results of GaussianRasterizer: colour, radii, and the third image of some forks."""
 WRONG_COUNT = re.compile(r"not enough values to unpack \(expected (\d+), got [23]\)")
+GPU = re.compile(r"\b(CUDA|GPU|cuda|gpu)\b")
 NO_NAME = re.compile(r"cannot import name '(\w+)' from 'gsfw\.compat\.([\w.]+)'")
 
 
@@ -55,6 +58,10 @@ def explain(script: Path, error: Exception) -> Explanation | None:
         return Explanation(
             f"{place}: gsfw.compat does not support {name[2]}.{name[1]}. {ELSEWHERE}", 2
         )
+    wants_gpu = isinstance(error, AssertionError | RuntimeError) and GPU.search(str(error))
+    if wants_gpu and not torch.cuda.is_available():
+        text = "If this line requires a GPU, put --claim-gpu before the script."
+        return Explanation(text, 1, traceback=True)
     if count := WRONG_COUNT.search(str(error)):
         return Explanation(_explain_count(int(count[1])), 1, traceback=True)
     return None
@@ -71,7 +78,8 @@ def _explain_missing(place: str, name: str) -> Explanation:
         )
     if name != package and package in MODULES:
         advice = (
-            "Install gsplat itself: gsfw.compat then replaces its rasterization alone."
+            "Install gsplat itself, of which only rasterization is replaced; "
+            "python -c 'import gsplat' has to work."
             if package == "gsplat"
             else ELSEWHERE
         )

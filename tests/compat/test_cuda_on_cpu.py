@@ -47,6 +47,18 @@ def test_calls_that_need_a_gpu_do_nothing_and_come_back_afterwards():
     assert before == (torch.cuda.Event, torch.cuda.synchronize, torch.load, torch.Generator)
 
 
+def test_a_script_that_requires_a_gpu_is_told_of_one_only_where_it_is_claimed():
+    with CudaOnCpu(claim_gpu=True):
+        assert torch.cuda.is_available()
+        assert torch.cuda.device_count() == 1
+        torch.manual_seed(3)
+        weights = torch.nn.Linear(2, 2).cuda()
+        weights(torch.ones(1, 2, device="cuda")).sum().backward()
+        torch.optim.Adam(weights.parameters()).step()
+    assert not torch.cuda.is_available()
+    assert torch.cuda.device_count() == 0
+
+
 def test_a_default_device_of_cuda_is_the_cpu():
     try:
         with CudaOnCpu():

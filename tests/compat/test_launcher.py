@@ -94,6 +94,7 @@ def test_without_a_gpu_an_installed_module_is_replaced_and_the_first_line_says_s
         ),
         ("import diff_gaussian_rasterization._C", 2, "support diff_gaussian_rasterization._C."),
         ("image, radii, depth, alpha = (1, 2)", 1, "its fork returns 4 results"),
+        ("assert torch.cuda.is_available(), 'no GPU'", 1, "put --claim-gpu before the script"),
         ("image, radii, depth = (1, 2)", 1, "--third depth or --third invdepth"),
         (
             "from gsplat import rasterization_2dgs\nrasterization_2dgs()",
