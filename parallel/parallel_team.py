@@ -34,9 +34,9 @@ class ParallelTeam(Team):
             if type(refiner).before_backward is not Refiner.before_backward:
                 raise ConfigError(
                     f"processes={self.size}: {type(refiner).__name__} ({refiner.name}) watches the "
-                    "backward pass of every view, and other processes render some of them.",
-                    "Train with processes=0, or without this part (strategy=adc, strategy=mcmc, "
-                    "sh=uniform, static=none).",
+                    "backward pass of every view, and the processes divide views or images.",
+                    "Train with processes=0 shards=0, or without this part (strategy=adc, "
+                    "strategy=mcmc, sh=uniform, static=none).",
                 )
         here = environment(parts.device, parts.rasterizer.capabilities().details)
         for rank, (there, model) in enumerate(self.gathered((here, _digest(parts.model)))):

@@ -67,13 +67,17 @@ class GaussianParallel(ParallelTeam):
     def check(self, parts: TrainingParts) -> None:
         """Refuse parts that need all rows, or more of the images than their pixels."""
         super().check(parts)
+        if self.size > self.division.shards:
+            raise ConfigError(
+                f"shards={self.division.shards} cannot be divided among {self.size} processes.",
+                f"Train with processes={self.division.shards} at most, or with shards={self.size} "
+                "in a new run.",
+            )
         refused = [_why_not(parts)] + [
             f"{type(refiner).__name__} ({refiner.name}) reads the columns of the model"
             for refiner in parts.refiners
             if not refiner.divisible
         ]
-        if self.size > self.division.shards:
-            refused.append(f"there are {self.size} processes, more than shards")
         for reason in filter(None, refused):
             raise ConfigError(
                 f"shards={self.division.shards}: {reason}.",

@@ -203,11 +203,17 @@ def test_a_model_whose_rows_depend_on_others_is_refused(tmp_path):
 
 
 def test_more_processes_than_shards_are_refused(tmp_path):
-    assert "5 processes, more than shards" in refusal(tmp_path, size=5)
+    message = refusal(tmp_path, size=5)
+    assert message == (
+        "shards=4 cannot be divided among 5 processes.\n"
+        "Train with processes=4 at most, or with shards=5 in a new run."
+    )
 
 
 def test_a_strategy_that_watches_the_backward_pass_is_refused(tmp_path):
-    assert "watches the backward pass" in refusal(tmp_path, strategy="error")
+    message = refusal(tmp_path, strategy="error")
+    assert "watches the backward pass" in message
+    assert "Train with processes=0 shards=0, or" in message, "shards alone divide images, too"
 
 
 def test_a_band_with_too_many_pairs_is_named_with_its_cause():
