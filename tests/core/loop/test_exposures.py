@@ -73,3 +73,24 @@ def test_the_document_is_plain_data_by_name():
     document = json.loads(json.dumps(exposures(views=1).document()))
     identity = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
     assert document["exposures"] == {"view_0": identity}
+
+
+def length_of_a_visit(views: int) -> float:
+    """How far Adam moves the map of an image whose gradient changes sign from visit to visit."""
+    made, lengths = exposures(views=views), []
+    rate = made.group().learning_rate.at(0)
+    adam = torch.optim.Adam([made.changes], rate, eps=1e-15)
+    for visit in range(6):
+        before = made.changes[0].detach().clone()
+        for step in range(views):
+            made.changes.grad = torch.zeros_like(made.changes)
+            made.changes.grad[0] = (-1.0) ** visit * (step == 0)
+            adam.step()
+        lengths.append(float((made.changes[0].detach() - before).abs().mean()))
+    return sum(lengths[2:]) / len(lengths[2:])
+
+
+def test_a_visit_moves_a_map_as_far_among_many_images_as_among_few():
+    few = length_of_a_visit(20)
+    assert length_of_a_visit(200) == pytest.approx(few, rel=0.3)
+    assert exposures(views=3).group().learning_rate.at(0) == 1e-2
