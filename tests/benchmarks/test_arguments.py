@@ -6,7 +6,7 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    "name", ["city", "file_memory", "remaining_time", "scaling_plan", "tracks"]
+    "name", ["city", "corrections", "file_memory", "remaining_time", "scaling_plan", "tracks"]
 )
 def test_help_is_shown(name, capsys):
     with pytest.raises(SystemExit) as ended:

@@ -78,7 +78,7 @@ def test_gains_of_images_are_found_again(tmp_path):
     given = open_data(settings_of())
     gains = 0.7 + 0.6 * torch.rand(12, 3, generator=torch.Generator().manual_seed(4))
     gains = gains / gains.mean(dim=0)
-    wrong = WrongCapture(given, gains=gains)
+    wrong = WrongCapture(given, tones=gains[:, None, None, :])
     steps = {"steps": "500"}
     as_given = train(tmp_path / "given", wrong, **steps)
     learnt = train(tmp_path / "learnt", wrong, exposure="true", **steps)

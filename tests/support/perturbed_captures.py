@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 from torch import Tensor
-from torch.nn.functional import normalize
+from torch.nn.functional import interpolate, normalize
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
@@ -71,9 +71,10 @@ class WrongCapture(DataManager):
     """A capture whose training cameras stand elsewhere, or whose training images are tinted."""
 
     def __init__(
-        self, given: DataManager, motions: Tensor | None = None, gains: Tensor | None = None
+        self, given: DataManager, motions: Tensor | None = None, tones: Tensor | None = None
     ) -> None:
-        self.given, self.motions, self.gains = given, motions, gains
+        """``tones``: gains of each training image, [v, rows, columns, 1 or 3], enlarged to it."""
+        self.given, self.motions, self.tones = given, motions, tones
 
     @property
     def scene(self) -> Scene:
@@ -90,9 +91,11 @@ class WrongCapture(DataManager):
     def _wrong(self, batch: Batch, split: Split) -> Batch:
         views = list(batch.views)
         batch = replace(batch, cameras=self._moved(batch.cameras, split, views))
-        if self.gains is None or split is Split.EVAL:
+        if self.tones is None or split is Split.EVAL:
             return batch
-        return replace(batch, images=batch.images * self.gains[views][:, None, None, :])
+        coarse, size = self.tones[views].movedim(-1, 1), batch.images.shape[1:3]
+        tones = interpolate(coarse, size, mode="bilinear", align_corners=True).movedim(1, -1)
+        return replace(batch, images=batch.images * tones)
 
     def _moved(self, cameras: Cameras, split: Split, views: list[int]) -> Cameras:
         if self.motions is None or split is Split.EVAL:
