@@ -8,6 +8,7 @@ import pytest
 import torch
 import torch.distributed as dist
 from support.listening import addresses
+from torch.distributed.elastic.multiprocessing.errors import ProcessFailure
 
 from gsfw.parallel import launch
 from gsfw.parallel.launch import STORE, connected, run_workers
@@ -38,7 +39,7 @@ class Failed:
     """What torch's launcher returns when all has failed."""
 
     def __init__(self) -> None:
-        self.failures = {}
+        self.failures = {rank: ProcessFailure(rank, 0, 1, "/nowhere") for rank in range(2)}
 
     def is_failed(self) -> bool:
         return True
