@@ -15,6 +15,9 @@ from gsfw.core.operators import Operators
 
 logger = logging.getLogger("gsfw.run")
 
+USUAL_METRICS = ("psnr", "ssim")
+"""Metrics that stand before all others."""
+
 PSNR_MAX = 100.0
 """PSNR of two equal images, in dB; finite, so that means stay finite."""
 

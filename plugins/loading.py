@@ -159,8 +159,8 @@ def check_built(slot: str, spec: Spec, part: object, kind: type = object) -> Non
 
 
 def make_metrics(registry: Registry, operators: Operators) -> dict[str, Metric]:
-    """Every metric by name; those of third parties are NaN if they fail."""
-    from gsfw.core.metrics import CautiousMetric
+    """Every metric by name, the usual ones first; those of third parties are NaN if they fail."""
+    from gsfw.core.metrics import USUAL_METRICS, CautiousMetric
 
     specs = registry.slot("metric")
     made: dict[str, Metric] = ask_all("metric", registry, lambda kind: kind(operators))
@@ -168,7 +168,7 @@ def make_metrics(registry: Registry, operators: Operators) -> dict[str, Metric]:
         name: metric
         if specs[name].distribution == PROJECT
         else CautiousMetric(metric, f"metric {name!r} ({package(specs[name])})")
-        for name, metric in made.items()
+        for name, metric in sorted(made.items(), key=lambda item: item[0] not in USUAL_METRICS)
     }
 
 

@@ -14,6 +14,7 @@ from gsfw.core.metrics import Metric
 from gsfw.core.operators import Operators
 from gsfw.core.ranges import number
 from gsfw.plugins.loading import load, make_callbacks, make_metrics
+from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -120,6 +121,10 @@ def test_a_run_opens_without_a_callback_that_it_had():
     missing = Layer("config file run.yaml", {"callbacks.my_beep.pitch": 3})
     with pytest.raises(ConfigError, match=r"unknown key 'callbacks\.my_beep\.pitch'"):
         settings(registry_of(Plugin()), missing)
+
+
+def test_usual_metrics_stand_before_others():
+    assert list(make_metrics(installed(), Operators()))[:2] == ["psnr", "ssim"]
 
 
 def test_a_metric_that_fails_is_nan_and_logged_once(caplog):
