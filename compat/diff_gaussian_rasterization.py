@@ -22,8 +22,8 @@ from torch import Tensor, nn
 from gsfw.api import ConfigError, NumericsProfile, RenderStatistics, Statistic, Validation
 from gsfw.compat.inria_gradients import AbsoluteGradient, ScreenGradient
 from gsfw.compat.inria_projection import InriaGaussians, InriaView, mip_compensation, project
+from gsfw.compat.inria_relocation import compute_relocation
 from gsfw.compat.refusal import refuse, refuse_unknown
-from gsfw.compat.relocation import compute_relocation
 from gsfw.compat.screen import (
     Covariances,
     ScreenSplats,

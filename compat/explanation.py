@@ -78,7 +78,7 @@ def _explain_missing(place: str, name: str) -> Explanation:
         )
     if name != package and package in MODULES:
         advice = (
-            "Install gsplat itself, of which only rasterization is replaced; "
+            "Install gsplat itself, of which gsfw.compat replaces three functions; "
             "python -c 'import gsplat' has to work."
             if package == "gsplat"
             else ELSEWHERE

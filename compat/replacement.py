@@ -10,9 +10,22 @@ MODULES = {
     "diff_gaussian_rasterization": {"": "diff_gaussian_rasterization"},
     "simple_knn": {"": "simple_knn", "_C": "simple_knn._C"},
     "fused_ssim": {"": "fused_ssim"},
-    "gsplat": {"": "gsplat", "rendering": "gsplat"},
+    "gsplat": {"": "gsplat", "rendering": "gsplat", "relocation": "gsplat_relocation"},
 }
 """Modules of each package, by their names inside it, and their stand-ins in gsfw.compat."""
+
+IN_GSPLAT = (
+    *((module, "rasterization", "gsplat") for module in ("gsplat", "gsplat.rendering")),
+    *(
+        (module, "compute_relocation", "gsplat_relocation")
+        for module in ("gsplat.relocation", "gsplat.strategy.ops")
+    ),
+    *(
+        (module, "quat_scale_to_covar_preci", "gsplat_covariances")
+        for module in ("gsplat", "gsplat.strategy.ops")
+    ),
+)
+"""Functions of an installed gsplat that are replaced: module, name, and module in gsfw.compat."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +40,8 @@ class Replacement:
 def replace_modules(always: bool, gpu: bool) -> Replacement:
     """Put the interfaces of this package where scripts import those of other projects.
 
-    Of an installed gsplat only ``rasterization`` is replaced, so that its strategies and
-    optimizers stay.
+    Of an installed gsplat only ``rasterization`` and two functions of its strategies are replaced,
+    so that these and its optimizers stay.
 
     Args:
         always: also where the original can be imported.
@@ -39,7 +52,7 @@ def replace_modules(always: bool, gpu: bool) -> Replacement:
     replaced = [name for name in MODULES if name not in kept]
     for name in replaced:
         if name == "gsplat" and _importable(name):
-            _replace_rasterization()
+            _replace_in_gsplat()
         else:
             _replace(name)
     return Replacement(tuple(replaced), tuple(kept))
@@ -63,7 +76,11 @@ def _replace(name: str) -> None:
         sys.modules[f"{name}.{inside}" if inside else name] = module
 
 
-def _replace_rasterization() -> None:
-    ours = import_module("gsfw.compat.gsplat").rasterization
-    for name in ("gsplat", "gsplat.rendering"):
-        import_module(name).rasterization = ours  # type: ignore[attr-defined]
+def _replace_in_gsplat() -> None:
+    for place, name, here in IN_GSPLAT:
+        try:
+            module = import_module(place)
+        except ModuleNotFoundError:
+            # Versions before 1.0 have no relocation.
+            continue
+        setattr(module, name, getattr(import_module(f"gsfw.compat.{here}"), name))

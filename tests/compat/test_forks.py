@@ -14,6 +14,7 @@ from support.inria_scene import (
     with_gradients,
 )
 
+from gsfw.compat import gsplat_relocation
 from gsfw.compat.diff_gaussian_rasterization import GaussianRasterizer, compute_relocation
 from gsfw.compat.refusal import UnservedArgument
 
@@ -87,17 +88,31 @@ def test_the_visible_filter_gives_the_radii_of_a_render():
         rasterizer.visible_filter(scene.means, scene.scales)
 
 
-def test_relocated_copies_have_the_opacity_and_scale_of_the_published_sum():
-    """Kheradmand et al. 2024, equation 9, for three copies."""
-    opacity, scale = torch.tensor([0.6, 0.6]), torch.tensor([[1.0, 2.0, 4.0]] * 2)
-    new_opacity, new_scale = compute_relocation(
-        opacity, scale, torch.tensor([3, 1]), torch.zeros(51, 51), 51
-    )
-    share = 1 - 0.4 ** (1 / 3)
-    total = sum(
+def published_sum(share: float, copies: int) -> float:
+    """The double sum of Kheradmand et al. 2024, equation 9."""
+    return sum(
         math.comb(i - 1, k) * (-1) ** k * share ** (k + 1) / math.sqrt(k + 1)
-        for i in range(1, 4)
+        for i in range(1, copies + 1)
         for k in range(i)
     )
+
+
+SCALES = torch.tensor([[1.0, 2.0, 4.0]] * 2)
+BINOMS = torch.zeros(51, 51)
+
+
+def test_relocated_copies_have_the_opacity_and_scale_of_the_published_sum():
+    opacity, share = torch.tensor([0.6, 0.6]), 1 - 0.4 ** (1 / 3)
+    new_opacity, new_scale = compute_relocation(opacity, SCALES, torch.tensor([3, 1]), BINOMS, 51)
     torch.testing.assert_close(new_opacity, torch.tensor([share, 0.6]))
-    torch.testing.assert_close(new_scale, scale * torch.tensor([[0.6 / total], [1.0]]))
+    factors = torch.tensor([[0.6 / published_sum(share, 3)], [1.0]])
+    torch.testing.assert_close(new_scale, SCALES * factors)
+
+
+def test_gsplat_lifts_faint_copies_before_it_computes_their_scale():
+    opacity, copies = torch.tensor([0.6, 0.006]), torch.tensor([3, 4])
+    new_opacity, new_scale = gsplat_relocation.compute_relocation(opacity, SCALES, copies, BINOMS)
+    share = 1 - 0.4 ** (1 / 3)
+    torch.testing.assert_close(new_opacity, torch.tensor([share, 0.005]))
+    factors = [[0.6 / published_sum(share, 3)], [0.006 / published_sum(0.005, 4)]]
+    torch.testing.assert_close(new_scale, SCALES * torch.tensor(factors))

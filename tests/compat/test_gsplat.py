@@ -16,6 +16,7 @@ from gsfw.api import (
     rotation_matrices,
 )
 from gsfw.compat.gsplat import rasterization, rasterization_2dgs
+from gsfw.compat.gsplat_covariances import quat_scale_to_covar_preci
 from gsfw.compat.refusal import UnservedArgument
 
 WIDTH, HEIGHT = 26, 20
@@ -240,3 +241,16 @@ def test_what_is_not_served_is_refused_by_name(scene, cameras):
     with pytest.raises(UnservedArgument, match="rasterization_2dgs"):
         rasterization_2dgs(flat.means)
     ours(flat, cameras, global_z_order=True, with_ut=False, viewmats_rs=None)
+
+
+def test_covariances_have_the_squared_scales_along_their_axes_and_the_inverses_are_inverses():
+    half = 0.5**0.5
+    quats = torch.tensor([[1.0, 0, 0, 0], [3 * half, 0, 0, 3 * half]])
+    scales = torch.tensor([[1.0, 2.0, 3.0]] * 2)
+    covariances, inverses = quat_scale_to_covar_preci(quats, scales)
+    turned = torch.tensor([[1.0, 4.0, 9.0], [4.0, 1.0, 9.0]])
+    torch.testing.assert_close(covariances, torch.diag_embed(turned), atol=1e-6, rtol=1e-6)
+    torch.testing.assert_close(inverses, covariances.inverse(), atol=1e-6, rtol=1e-6)
+    halves, none = quat_scale_to_covar_preci(quats, scales, compute_preci=False, triu=True)
+    assert none is None
+    torch.testing.assert_close(halves[:, [0, 3, 5]], turned, atol=1e-6, rtol=1e-6)

@@ -30,6 +30,7 @@ def write_gsplat(site):
         "from gsplat.rendering import rasterization\nSTRATEGY = 'the original'\n"
     )
     (site / "gsplat" / "rendering.py").write_text("def rasterization(): ...\n")
+    (site / "gsplat" / "relocation.py").write_text("def compute_relocation(): ...\n")
 
 
 def test_a_package_that_works_on_the_gpu_is_kept_there(site):
@@ -46,6 +47,8 @@ def test_without_a_gpu_an_installed_gsplat_renders_here_and_keeps_the_rest(site,
     assert gsplat.rasterization.__module__ == "gsfw.compat.gsplat"
     assert sys.modules["gsplat.rendering"].rasterization is gsplat.rasterization
     assert gsplat.STRATEGY == "the original"
+    relocation = sys.modules["gsplat.relocation"].compute_relocation
+    assert relocation.__module__ == "gsfw.compat.gsplat_relocation"
 
 
 def test_simple_knn_is_found_by_its_extension_as_it_is_a_folder_without_init(site):
