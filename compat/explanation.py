@@ -55,9 +55,7 @@ def explain(script: Path, error: Exception) -> Explanation | None:
     if isinstance(error, ModuleNotFoundError):
         return _explain_missing(place, error.name or "")
     if name := NO_NAME.search(str(error)):
-        return Explanation(
-            f"{place}: gsfw.compat does not support {name[2]}.{name[1]}. {ELSEWHERE}", 2
-        )
+        return _explain_lacking(place, f"{name[2]}.{name[1]}")
     wants_gpu = isinstance(error, AssertionError | RuntimeError) and GPU.search(str(error))
     if wants_gpu and not torch.cuda.is_available():
         text = "If this line requires a GPU, put --claim-gpu before the script."
@@ -77,13 +75,7 @@ def _explain_missing(place: str, name: str) -> Explanation:
             2,
         )
     if name != package and package in MODULES:
-        advice = (
-            "Install gsplat itself, of which gsfw.compat replaces three functions; "
-            "python -c 'import gsplat' has to work."
-            if package == "gsplat"
-            else ELSEWHERE
-        )
-        return Explanation(f"{place}: gsfw.compat does not support {name}. {advice}", 2)
+        return _explain_lacking(place, name)
     if name != package:
         # The package is there; one of its modules is not.
         text = f"{package} has no module {name}: is this {package} the one that it needs?"
@@ -94,6 +86,17 @@ def _explain_missing(place: str, name: str) -> Explanation:
         f"imports the package, put --without {package} before the script.",
         2,
     )
+
+
+def _explain_lacking(place: str, name: str) -> Explanation:
+    """The remedy for a part of a replaced package that has no replacement."""
+    advice = ELSEWHERE
+    if name.startswith("gsplat."):
+        advice = (
+            "Install gsplat itself, of which gsfw.compat replaces three functions; "
+            "python -c 'import gsplat' has to work."
+        )
+    return Explanation(f"{place}: gsfw.compat does not support {name}. {advice}", 2)
 
 
 def _explain_count(expected: int) -> str:
