@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 
 import numpy as np
+import torch
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch import Tensor
 
-from gsfw.core.callback import EvaluatedView
+from gsfw.core.callback import EvaluatedView, TrainingView
 
 ERROR_WHITE = 0.25
 """Mean absolute error of the channels from which on the error is white."""
@@ -27,6 +28,9 @@ QUALITY = 90
 PAPER, INK, FAINT = "#ffffff", "#3c3c40", "#78787e"
 """Colours of the house style (``charts.style``)."""
 
+LEFT_OUT = (0.9, 0.1, 0.1)
+"""Colour of distractors."""
+
 LABELS = ("ground truth", "render", f"error (white: {ERROR_WHITE:g})")
 
 
@@ -38,6 +42,16 @@ def comparison(
     psnr = view.metrics.get("psnr")
     figure = "" if psnr is None else f"PSNR {psnr:.2f} dB, "
     return captioned(panels, LABELS, view.name, f"{figure}step {step:,} of {steps:,}")
+
+
+def distractors(
+    view: TrainingView, step: int, steps: int
+) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """A training image with its distractors in one colour, and its render."""
+    assert view.left_out is not None
+    marked = torch.where(view.left_out, view.target.new_tensor(LEFT_OUT), view.target)
+    share = f"{float(view.left_out.float().mean()):.0%} left out, step {step:,} of {steps:,}"
+    return captioned([marked, view.rendered], ("image, red: left out", "render"), view.name, share)
 
 
 def error_image(

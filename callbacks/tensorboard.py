@@ -24,7 +24,7 @@ from gsfw.callbacks.board_curves import (
     step_curves,
 )
 from gsfw.callbacks.board_hparams import hparam_events
-from gsfw.callbacks.board_images import captioned, comparison, summary_of
+from gsfw.callbacks.board_images import captioned, comparison, distractors, summary_of
 from gsfw.callbacks.board_pages import findings_page, run_page, settings_page
 from gsfw.callbacks.event_files import cut_events, told_once
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
@@ -40,7 +40,7 @@ IMAGES_OF_A_RUN = 10
 """Evaluations with images in a run, about; each costs megabytes."""
 PAGES = ("1_run", "2_settings")
 """Texts at the start of a run, and of each part of a resumed one."""
-VIEWS, REQUIREMENTS = "2_views", "9_requirements/chart"
+VIEWS, DISTRACTORS, REQUIREMENTS = "2_views", "3_distractors", "9_requirements/chart"
 """Tags of images: views come before the chart."""
 WRITTEN_ANEW = ("_hparams_/", "custom_scalars__config__")
 """Tags without a step that each part of a run writes."""
@@ -66,13 +66,13 @@ class TensorBoard(Callback):
         self._countdown: Countdown | None = None
         self._model: ModelHandle | None = None
         self._shown: set[str] = set()
-        self._last_images = 0
+        self._last_images = self._last_distractors = 0
         self._findings: str | None = None
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the events; those of an interrupted run after its checkpoint are removed."""
         self._run, self._countdown = run, Countdown(run)
-        self._last_images = run.first_step
+        self._last_images = self._last_distractors = run.first_step
         path = RunFolder(run.folder).tensorboard
         self._stack.enter_context(told_once())
         with readable_write_errors(path):
@@ -94,6 +94,17 @@ class TensorBoard(Callback):
         self._countdown.report(report)
         self._model = report.model
         self._add(report.step, step_curves(report, self._countdown.seconds()))
+        self._add_distractors(report)
+
+    def _add_distractors(self, report: StepReport) -> None:
+        """Write the distractors of a training image, about ten times in a run."""
+        assert self._run is not None
+        view, step, steps = report.view, report.step, self._run.steps
+        if view is None or view.left_out is None or self._images == 0:
+            return
+        if step - self._last_distractors >= steps // IMAGES_OF_A_RUN:
+            self._last_distractors = step
+            self._add_image(f"{DISTRACTORS}/{view.name}", distractors(view, step, steps), step)
 
     def _add(self, step: int, scalars: Mapping[str, float]) -> None:
         """Write scalars as one event: an event for each took most of the time of a report."""

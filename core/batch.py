@@ -94,6 +94,8 @@ class Batch:
     """Per-view maps by name, at the size of the images; ``Views.maps`` names the same ones."""
     numbers: Int[Tensor, " c"] | None = None
     """``views`` on the device, in steps with trained corrections of the capture."""
+    left_out: Bool[Tensor, "c h w 1"] | None = None
+    """True for pixels of a distractor (``ignore_distractors=true``); ``None``: none is sought."""
 
     @property
     def time(self) -> Float[Tensor, ""] | None:
@@ -103,7 +105,10 @@ class Batch:
     @property
     def valid(self) -> Bool[Tensor, "c h w 1"] | None:
         """True where a pixel carries loss; ``None`` when all pixels do."""
-        return self.mask if self.mask_mode is MaskMode.IGNORE else None
+        masked = self.mask if self.mask_mode is MaskMode.IGNORE else None
+        if self.left_out is None:
+            return masked
+        return ~self.left_out if masked is None else masked & ~self.left_out
 
     @property
     def coverage(self) -> Float[Tensor, "c h w 1"] | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ class TrainingView:
     """Over the background, on the device of the run, at the size of this step."""
     rendered: Float[Tensor, "h w 3"]
     """Not clamped."""
+    left_out: Bool[Tensor, "h w 1"] | None = None
+    """True for pixels of a distractor; ``None`` in steps that leave none out."""
 
 
 @dataclass(frozen=True)

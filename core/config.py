@@ -306,6 +306,10 @@ class MethodConfig(ABC):
     """Step from which images are full under resolution_schedule=auto; 60 % of adc's growth."""
     exposure: bool = False
     """Learn the colour difference of each training image (gains, offsets), not of held-out ones."""
+    ignore_distractors: bool = False
+    """Leave out of each image what the others contradict: people, cars, hands (still scenes)."""
+    distractors_start: int = steps_field(3000)
+    """Steps that learn from whole images first under ignore_distractors=true."""
     refine_poses: bool = False
     """Learn small motions of the training cameras, for poses that are not quite right."""
     antialias: bool = False

@@ -24,6 +24,7 @@ from gsfw.core.config import (
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.corrections import CaptureCorrections
+from gsfw.core.loop.distractors import Distractors
 from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.goal import Goal
 from gsfw.core.loop.optimizer import Optimizer
@@ -320,6 +321,7 @@ def _parts(
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
         corrections=corrections,
+        distractors=Distractors(config.distractors_start) if config.ignore_distractors else None,
     )
 
 

@@ -6,7 +6,7 @@ import torch
 
 from gsfw.core.capabilities import Needs, check_fit
 from gsfw.core.datamanager import DataManager, Split
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.method import Method
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.devices import find_device
@@ -44,3 +44,10 @@ def check_data(settings: Settings, registry: Registry, data: DataManager, method
     device = find_device(settings.config.device)
     check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)
+    if settings.config.ignore_distractors and scene.is_dynamic:
+        raise ConfigError(
+            f"ignore_distractors=true leaves out what moves, and {scene.name!r} was captured at "
+            f"{scene.num_times} different times: its motion is part of the scene.",
+            "Leave out ignore_distractors, or mask the pixels that are not to be learnt "
+            "(datamanager.masks=DIR).",
+        )

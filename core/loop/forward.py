@@ -16,6 +16,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.distractors import comparable
 from gsfw.core.loop.evaluation import by_view
 from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
@@ -103,6 +104,10 @@ class Forward:
         splats = rendering.splats
         bare = replace(base, statistics=frozenset(), contribution_weights=None)
 
+        shown = parts.corrections.expose(rendering.output, batch, background)
+        target = batch.target(background)
+        batch = self._without_distractors(batch, shown, target, step)
+
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
             return by_view(parts.shown, cameras, lambda seen: parts.render(seen, bare, time).output)
 
@@ -114,8 +119,8 @@ class Forward:
             steps=self._plan.steps,
             batch=batch,
             splats=splats,
-            rendered=parts.corrections.expose(rendering.output, batch, background),
-            target=batch.target(background),
+            rendered=shown,
+            target=target,
             num_rows=len(parts.table),
             share=share,
             extent=parts.data.scene.extent,
@@ -124,6 +129,17 @@ class Forward:
             contributions=contributions,
         )
         return self._with_losses(context, rendering.parts)
+
+    def _without_distractors(
+        self, batch: Batch, rendered: RenderOutput, target: Tensor, step: int
+    ) -> Batch:
+        """The batch with the pixels of distractors left out, in steps that do so."""
+        distractors = self._parts.distractors
+        if distractors is None or not distractors.are_left_out(step):
+            return batch
+        counted = comparable(rendered.alpha, batch.coverage, batch.valid)
+        left_out = distractors.found(rendered.color, target, counted)
+        return replace(batch, left_out=left_out)
 
     def absent(self, view: int, step: int, share: float) -> StepContext:
         """The context of a view that another process has rendered: without images and splats."""

@@ -171,7 +171,8 @@ class StepGraphs:
         if own is None or not all(can_be_recorded(refiner, step) for refiner in refiners):
             return None
         measured = refiners.statistics(step), refiners.depth(step)
-        return own, measured, inputs.kind()
+        whole = parts.distractors is None or not parts.distractors.are_left_out(step)
+        return own, measured, whole, inputs.kind()
 
     def _follow_rows(self) -> None:
         """Forget the graphs of other rows, which are kept in memory by them."""

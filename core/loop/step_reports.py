@@ -63,6 +63,7 @@ class StepReports:
         if not team.leads:
             return None
         context = rendered[0].context
+        left_out = context.batch.left_out
         valid = None if context.batch.valid is None else context.batch.valid[0]
         name = self._names[context.batch.views[0]]
         step_ms, stage_ms = self._stopwatch.read()
@@ -79,7 +80,12 @@ class StepReports:
             skipped_steps=updates.skipped,
             resolution=self.resolution(rendered[0]),
             refined=dict(self._refined),
-            view=TrainingView(name, context.target[0], context.rendered.color[0].detach()),
+            view=TrainingView(
+                name,
+                context.target[0],
+                context.rendered.color[0].detach(),
+                None if left_out is None else left_out[0],
+            ),
             model=self._handle,
         )
         self._refined.clear()

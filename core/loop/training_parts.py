@@ -12,6 +12,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.corrections import CaptureCorrections
+from gsfw.core.loop.distractors import Distractors
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule
 from gsfw.core.method import Method
@@ -75,6 +76,8 @@ class TrainingParts:
     """The processes that train this model."""
     corrections: CaptureCorrections = field(default_factory=CaptureCorrections)
     """Trained corrections of the capture itself, apart from the model; usually none."""
+    distractors: Distractors | None = None
+    """Finds what other images contradict, and carries no loss; ``None``: all pixels are used."""
     rendered: PrimitiveModel | None = None
     """A model that is rendered in place of it, such as the same with rounded columns; ``None``:
     the model itself."""

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from gsfw.callbacks.board_images import comparison, error_image
 from gsfw.callbacks.board_pages import findings_page, run_page
 from gsfw.callbacks.tensorboard import TensorBoard, _distributions
 from gsfw.commands.main import main
-from gsfw.core.callback import Control, EvaluatedView
+from gsfw.core.callback import Control, EvaluatedView, TrainingView
 from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.findings import Finding
 from gsfw.core.loop.run_folder import RunFolder
@@ -46,6 +47,24 @@ def events_in(folder) -> EventAccumulator:
 def text(events: EventAccumulator, tag: str) -> list[str]:
     found = events.Tensors(f"{tag}/text_summary")
     return [event.tensor_proto.string_val[0].decode() for event in found]
+
+
+def test_distractors_of_training_images_are_shown_about_ten_times(tmp_path):
+    board, control = TensorBoard(4), Control()
+    board.on_start(run_info(tmp_path, steps=200), control)
+    left_out = torch.zeros(8, 10, 1, dtype=torch.bool)
+    left_out[:4] = True
+    for step in range(5, 205, 5):
+        shown = None if step % 15 == 0 else left_out
+        image = torch.full((8, 10, 3), 0.5)
+        seen = TrainingView("photo", image, image, shown)
+        board.on_step(replace(report_of(step), view=seen), control)
+    board.close()
+    events = events_in(tmp_path).Images("3_distractors/photo")
+    assert 7 <= len(events) <= 10
+    sheet = np.asarray(Image.open(io.BytesIO(events[0].encoded_image_string)))
+    red = (sheet[..., 0] > 180) & (sheet[..., 1] < 80)
+    assert red.mean() > 0.1
 
 
 def test_the_first_group_says_whether_it_works(tmp_path):

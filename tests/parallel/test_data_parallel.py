@@ -15,6 +15,7 @@ from support.thread_group import in_threads
 
 from gsfw.core.errors import ConfigError, LostProcessError, TrainingError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
+from gsfw.core.loop.distractors import Distractors
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.refinement.budget import BudgetSize, with_budget
 from gsfw.core.refinement.refiners import Refiners
@@ -179,6 +180,17 @@ def test_refiners_that_read_images_get_those_of_other_processes(tmp_path):
         return {k: v for k, v in own.state_dict().items() if k != "train_seconds"}
 
     assert BudgetSize.parse(config).is_given
+    assert_same_bits(in_threads(1, run)[0], in_threads(2, run)[0])
+
+
+def test_any_number_of_processes_leaves_out_the_same_distractors(tmp_path):
+    def run(group):
+        folder = tmp_path / f"{group.size}-{group.rank}"
+        own = trainer(folder, "adc", Recorder(), steps=12, views_per_step=2)
+        own = with_parts(own, team=DataParallel(group), distractors=Distractors(start=1))
+        own.fit()
+        return {k: v for k, v in own.state_dict().items() if k != "train_seconds"}
+
     assert_same_bits(in_threads(1, run)[0], in_threads(2, run)[0])
 
 

@@ -119,6 +119,17 @@ def test_recorded_steps_learn_exposures_and_poses_as_others_do(tmp_path, views):
         assert torch.equal(values, usual.columns()[name]), name
 
 
+def test_recorded_steps_leave_out_distractors_as_others_do(tmp_path):
+    settings = {"ignore_distractors": "true", "distractors_start": "2", "sh_degree_interval": "1"}
+    usual, recorded = (
+        Run(tmp_path / str(part), part, strategy="none", **settings) for part in (False, True)
+    )
+    assert recorded.steps(14) == usual.steps(14)
+    assert recorded.recorder.recorded == 2, "with and without distractors"
+    for name, values in recorded.columns().items():
+        assert torch.equal(values, usual.columns()[name]), name
+
+
 def test_steps_of_sparse_updates_are_not_recorded(tmp_path, monkeypatch):
     monkeypatch.setattr(Optimizer, "sparse", True)
     run = Run(tmp_path, True)

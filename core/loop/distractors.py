@@ -1,0 +1,107 @@
+"""Distractors: the parts of a photo that other photos of a still scene contradict.
+
+Trimmed residuals, as in Sabour et al. 2023 (RobustNeRF, section 4): a pixel counts as a distractor
+if its neighbourhood disagrees too. Differences: residuals are signed and averaged over cells, so
+that fine detail that is not learnt yet cancels; their scale is that of the image itself, so that no
+state is kept; and some steps use whole images. Without those, surfaces that no splats show yet
+would be left out of all images, and never be learnt (Sabour et al. 2024, SpotLessSplats, draw from
+masks for the same reason).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, max_pool2d
+
+CELLS = 48
+"""Cells along the shorter side of an image: a distractor has at least a few of them."""
+USUAL = 5.0
+"""Multiple of the median difference of an image's cells above which a cell disagrees."""
+LEAST = 0.12
+"""Mean difference of colours in [0, 1] below which no cell disagrees: less than this may be light
+or a reflection, and faint distractors do little harm."""
+MOST = 0.4
+"""Largest part of an image that starts a distractor."""
+MAJORITY = 0.4
+"""Part of the 3 x 3 cells around a cell that has to disagree with it."""
+EDGE = 0.5
+"""Part of the threshold from which on cells beside a distractor belong to it."""
+COVERED = 0.9
+"""Opacity of a render below which an opaque image is not contradicted, but not learnt yet."""
+WHOLE = 0.3
+"""Part of the steps that use whole images. With less, surfaces that no splats show yet take too
+long, and clean captures lose quality (``benchmarks/distractors.py --shares 0``)."""
+GOLDEN = 0.6180339887498949
+"""Multiples of this are spread evenly between integers, whatever the order of the views."""
+
+
+@dataclass(frozen=True)
+class Distractors:
+    """Finds distractors; the same step and images give the same ones."""
+
+    start: int
+    """Steps in which splats learn the scene from whole images first."""
+
+    def are_left_out(self, step: int) -> bool:
+        """True if ``step``, counted from 0, leaves distractors out."""
+        return step >= self.start and step * GOLDEN % 1.0 >= WHOLE
+
+    @torch.no_grad()
+    def found(
+        self,
+        rendered: Float[Tensor, "c h w 3"],
+        target: Float[Tensor, "c h w 3"],
+        counted: Bool[Tensor, "c h w 1"] | None,
+    ) -> Bool[Tensor, "c h w 1"]:
+        """True where an image shows a distractor; no synchronisation.
+
+        Args:
+            rendered: the scene.
+            target: the images, over the same background.
+            counted: pixels that can be compared; ``None``: all.
+        """
+        difference = (rendered - target).permute(0, 3, 1, 2)
+        if counted is not None:
+            difference = torch.where(counted.permute(0, 3, 1, 2), difference, 0.0)
+        height, width = target.shape[1:3]
+        cell = max(2, round(min(height, width) / CELLS))
+        means = avg_pool2d(difference, cell, cell, ceil_mode=True, count_include_pad=False)
+        cells = _disagreeing(means.abs().mean(1, keepdim=True))
+        c, _, rows, columns = cells.shape
+        spread = cells[:, 0, :, None, :, None, None].expand(c, rows, cell, columns, cell, 1)
+        found = spread.reshape(c, rows * cell, columns * cell, 1)[:, :height, :width]
+        return found if counted is None else found & counted
+
+
+def _disagreeing(cells: Float[Tensor, "c 1 i j"]) -> Bool[Tensor, "c 1 i j"]:
+    """True for groups of cells whose differences are far above the usual one of their image."""
+    ordered = cells.flatten(1).sort(dim=1).values
+    count = ordered.shape[1]
+    usual, most = ordered[:, (count - 1) // 2], ordered[:, int((1 - MOST) * (count - 1))]
+    above = (USUAL * usual).clamp(min=LEAST).maximum(most)[:, None, None, None]
+    alone = (cells > above).to(cells.dtype)
+    grouped = alone * (avg_pool2d(alone, 3, 1, 1) > MAJORITY)
+    beside = (max_pool2d(grouped, 3, 1, 1) > 0) & (cells > EDGE * above)
+    return (grouped > 0) | beside
+
+
+def comparable(
+    alpha: Float[Tensor, "c h w 1"],
+    coverage: Float[Tensor, "c h w 1"] | None,
+    valid: Bool[Tensor, "c h w 1"] | None,
+) -> Bool[Tensor, "c h w 1"] | None:
+    """Pixels whose image and render can contradict each other; ``None``: all.
+
+    Args:
+        alpha: of the render.
+        coverage: of the images; ``None`` if they are opaque.
+        valid: pixels that carry loss; ``None``: all.
+    """
+    if coverage is not None:  # Empty space of such images has a colour too: the background's.
+        return valid
+    covered = alpha.detach() > COVERED
+    return covered if valid is None else covered & valid

@@ -1,0 +1,155 @@
+"""Distractors: what other photos contradict carries no loss; detail and changes of light do."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from support.memory_training import MemoryData, Recorder, trainer, with_parts
+from support.states import assert_same_bits
+
+from gsfw.core.batch import MaskMode
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError
+from gsfw.core.loop.distractors import Distractors, comparable
+from gsfw.plugins.compose import compose
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, resolve
+
+HEIGHT, WIDTH = 96, 128
+FINDER = Distractors(start=0)
+
+
+def scene(seed: int = 0):
+    """A render and its image, which differ by fine detail that is not learnt yet."""
+    random = torch.Generator().manual_seed(seed)
+    rendered = torch.full((1, HEIGHT, WIDTH, 3), 0.5)
+    return rendered, rendered + 0.3 * (torch.rand(rendered.shape, generator=random) - 0.5)
+
+
+def test_a_thing_in_front_of_the_scene_is_found_and_nothing_else():
+    rendered, target = scene()
+    target[:, 30:60, 40:70] = torch.tensor([0.9, 0.2, 0.1])
+    found = FINDER.found(rendered, target, None)
+    assert found[:, 30:60, 40:70].all()
+    assert found.sum() == 30 * 30
+
+
+def test_fine_detail_that_is_not_learnt_yet_is_no_distractor():
+    rendered, _ = scene()
+    rows, columns = torch.arange(HEIGHT)[:, None], torch.arange(WIDTH)
+    board = ((rows + columns) % 2).to(rendered.dtype)[None, :, :, None].expand_as(rendered)
+    assert not FINDER.found(rendered, board, None).any()
+
+
+def test_an_image_that_is_darker_or_altogether_different_is_used():
+    rendered, target = scene()
+    assert not FINDER.found(rendered, 0.5 * target, None).any()
+    assert not FINDER.found(rendered, 1.0 - 0.2 * target, None).any()
+
+
+def test_no_more_than_a_part_of_an_image_is_left_out():
+    rendered, target = scene()
+    target[:, :, :60] = torch.linspace(0.7, 1.0, HEIGHT)[:, None, None]
+    share = FINDER.found(rendered, target, None).float().mean()
+    assert 0.2 < share <= 0.47  # All cells above the threshold have it; the rest is the edge.
+
+
+def test_pixels_outside_masks_and_uncovered_ones_are_not_left_out():
+    rendered, target = scene()
+    target[:, 30:60, 40:70] = 1.0
+    valid = torch.ones(1, HEIGHT, WIDTH, 1, dtype=torch.bool)
+    valid[:, :, 55:] = False
+    alpha = torch.ones(1, HEIGHT, WIDTH, 1)
+    alpha[:, 45:] = 0.5
+    counted = comparable(alpha, None, valid)
+    found = FINDER.found(rendered, target, counted)
+    assert found.any()
+    assert not found[:, :, 55:].any()
+    assert not found[:, 45:].any()
+    assert comparable(alpha, alpha, None) is None, "transparent images show empty space"
+
+
+def test_a_render_that_is_not_finite_leaves_nothing_out():
+    rendered, target = scene()
+    assert not FINDER.found(rendered * torch.nan, target, None).any()
+
+
+def test_each_view_is_used_whole_in_some_steps_after_the_start():
+    finder = Distractors(start=40)
+    assert not any(finder.are_left_out(step) for step in range(40))
+    for view in range(12):
+        uses = [finder.are_left_out(step) for step in range(48 + view, 2448, 12)]
+        assert 0.6 < sum(uses) / len(uses) < 0.8
+
+
+@pytest.mark.parametrize("mode", MaskMode)
+def test_valid_pixels_are_those_of_masks_without_distractors(mode):
+    batch = trainer_batch()
+    left_out = torch.zeros_like(batch.images[..., :1], dtype=torch.bool)
+    left_out[:, :4] = True
+    mask = torch.ones_like(left_out)
+    mask[:, :, :5] = False
+    assert torch.equal(replace(batch, left_out=left_out).valid, ~left_out)
+    both = replace(batch, mask=mask, mask_mode=mode, left_out=left_out)
+    expected = mask & ~left_out if mode is MaskMode.IGNORE else ~left_out
+    assert torch.equal(both.valid, expected)
+
+
+def trainer_batch():
+    (batch,) = MemoryData().load(Split.TRAIN, [0], torch.device("cpu"))
+    return batch
+
+
+class UpperHalf(Distractors):
+    """Finds the upper half of each image."""
+
+    def found(self, rendered, target, counted):
+        half = torch.zeros_like(target[..., :1], dtype=torch.bool)
+        half[:, : target.shape[1] // 2] = True
+        return half
+
+
+@pytest.mark.unchecked
+def test_losses_and_reports_see_images_without_distractors(tmp_path):
+    callback = Recorder()
+    finder = UpperHalf(start=2)
+    run = with_parts(trainer(tmp_path, "adc", callback, steps=6), distractors=finder)
+    seen = []
+    losses = run.parts.method.losses
+
+    def watched(context):
+        seen.append(context.batch.valid)
+        return losses(context)
+
+    run.parts.method.losses = watched
+    run.fit()
+    used = [finder.are_left_out(step) for step in range(6)]
+    assert 0 < sum(used) < 4, "some steps after the start use whole images"
+    assert [valid is not None for valid in seen] == used
+    reported = [report.view.left_out for report in callback.reports]
+    assert [left_out is not None for left_out in reported] == used
+    assert all(not bool(valid[:, :12].any()) for valid in seen if valid is not None)
+
+
+@pytest.mark.unchecked
+def test_a_run_goes_on_to_the_same_bits(tmp_path):
+    def run(name, steps):
+        made = trainer(tmp_path / name, "adc", Recorder(), steps=steps)
+        return with_parts(made, distractors=UpperHalf(start=2))
+
+    whole, first, second = run("whole", 12), run("first", 6), run("second", 12)
+    whole.fit()
+    first.fit()
+    second.load_state_dict(first.state_dict() | {"step": 6})
+    second.fit()
+    assert_same_bits(second.state_dict()["model"], whole.state_dict()["model"])
+
+
+def test_moving_scenes_are_refused_with_the_remedy():
+    given = {
+        "method": "4dgs", "device": "cpu", "ignore_distractors": "true",
+        "datamanager.moving": "true", "datamanager.views": "10", "datamanager.width": "32",
+        "datamanager.height": "24", "datamanager.points": "20",
+    }  # fmt: skip
+    with pytest.raises(ConfigError, match="its motion is part of the scene"):
+        compose(resolve(installed(), [Layer("the test", given)]), installed())
