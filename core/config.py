@@ -195,9 +195,10 @@ class OptimConfig:
     batch_scale: float = number(1.0, at_least=1, below=math.inf)
     """Views of a step over those that the rates are made for: rates grow with its root."""
     exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
-    """Rate of gains and offsets of the images' colours under exposure=true."""
+    """Rate of gains and offsets of the images' colours under exposure=true, of up to 20 images;
+    with more of them it falls with the root of their number."""
     exposure_lr_final: float = number(1e-3, at_least=0, below=math.inf)
-    """Rate of gains and offsets once it has decayed, log-linearly."""
+    """Rate of gains and offsets once it has decayed, log-linearly; of up to 20 images, too."""
     exposure_start: int = steps_field(500)
     """Steps before exposures are learnt, in which splats learn the mean colours."""
     poses_lr: float = number(1e-3, at_least=0, below=math.inf)

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image, ImageCms
 
 from gsfw.datamanagers.adobe_rgb import adobe_rgb, is_adobe_rgb
-from gsfw.datamanagers.high_dynamic_range import HDR
+from gsfw.datamanagers.coded_colors import HDR
 
 LIKE_SRGB = 2
 """Largest deviation from sRGB, of 255, of profiles whose numbers stay as they are."""

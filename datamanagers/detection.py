@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from zipfile import is_zipfile
 
 from gsfw.core.words import shell_argument
 from gsfw.datamanagers.images import EXTENSIONS
@@ -20,7 +21,7 @@ def describe_unrecognised(path: Path) -> str:
     """Describe the contents of a path that is no data set, with the remedy; else empty."""
     if path.suffix.lower() in VIDEOS:
         return _video(path)
-    if path.suffix.lower() == ".r3d":
+    if path.suffix.lower() == ".r3d" and is_zipfile(path):
         return f"a recording of Record3D: unzip {shell_argument(path)} -d DIR, and give that folder"
     if not path.is_dir():
         return ""
@@ -44,7 +45,8 @@ def _is_data_set(path: Path) -> bool:
         *("poses_bounds.npy", "dataset.json", "train_meta.json", "colmap_0"),
         *("keyframes", "reconstruction.json", "sfm_data.json"),
     )
-    return any((path / sign).exists() for sign in signs)
+    is_record3d = (path / "metadata.json").exists() and (path / "rgb").exists()
+    return is_record3d or any((path / sign).exists() for sign in signs)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -241,7 +241,7 @@ class Shot:
 
     def as_stored(self) -> Shot:
         """The same image, whose numbers are taken for sRGB."""
-        traits = replace(self.video.traits, transfer=0)
+        traits = replace(self.video.traits, transfer=0, primaries=0)
         return replace(self, video=replace(self.video, traits=traits))
 
 

@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import UInt, UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.high_dynamic_range import HDR, hdr_to_srgb
+from gsfw.datamanagers.coded_colors import coded_to_srgb, is_like_srgb
+
+BT709, UNSPECIFIED, BT601 = 1, 2, 5
+"""Matrices (ITU-T H.273, table 4)."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +65,11 @@ class VideoTraits:
         return (self.height, self.width) if self.turns % 2 else (self.width, self.height)
 
     def colors(self, frame: Any) -> UInt8[np.ndarray, "h w 3"]:  # noqa: ANN401
-        """Pixels of an image that PyAV gives, as stored; those of HDR become sRGB."""
-        if self.transfer not in HDR:
-            return np.asarray(frame.to_ndarray(format="rgb24"))
-        pixels = frame.to_ndarray(format="rgb48le")
-        return hdr_to_srgb(pixels, self.transfer, self.primaries)
+        """Pixels of an image that PyAV gives, in sRGB."""
+        if is_like_srgb(self.transfer, self.primaries):
+            return _red_green_blue(frame, "rgb24")
+        pixels = _red_green_blue(frame, "rgb48le")
+        return coded_to_srgb(pixels, self.transfer, self.primaries)
 
     def upright(self, pixels: UInt8[np.ndarray, "h w *d"]) -> UInt8[np.ndarray, "h2 w2 *d"]:
         """A stored image as it is to be shown."""
@@ -98,6 +101,22 @@ class VideoTraits:
                 "the video is interlaced: the rows of an image show two times, so moving edges are "
                 "jagged; write it anew with ffmpeg -i OLD -vf bwdif=send_frame NEW.mp4"
             )
+
+
+def _red_green_blue(frame: Any, layout: str) -> UInt[np.ndarray, "h w 3"]:  # noqa: ANN401
+    """The pixels of an image in a layout of FFmpeg, by the matrix and range that the file states.
+
+    PyAV before 17 applies them only where those of the result, which mean nothing for RGB, differ.
+    """
+    if frame.colorspace == UNSPECIFIED:
+        return np.asarray(frame.to_ndarray(format=layout))
+    converted = frame.reformat(
+        format=layout,
+        src_colorspace=frame.colorspace,
+        dst_colorspace=BT601 if frame.colorspace != BT601 else BT709,
+        src_color_range=frame.color_range or None,
+    )
+    return np.asarray(converted.to_ndarray())
 
 
 def _display(frame: Any) -> tuple[bool, int]:  # noqa: ANN401

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -16,8 +15,8 @@ from PIL import Image
 
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
+from gsfw.datamanagers.coded_colors import coded_to_srgb, is_like_srgb
 from gsfw.datamanagers.color_profile import in_srgb, profile_of
-from gsfw.datamanagers.high_dynamic_range import HDR, hdr_to_srgb
 from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.preparation.foreign_formats import BRANDS, HEAD, HEIC
 from gsfw.preparation.image_set import LeftOut
@@ -25,6 +24,9 @@ from gsfw.preparation.input_files import InputFile, shot
 from gsfw.preparation.journal import identity_of
 from gsfw.preparation.video_frames import JPEG_QUALITY
 from gsfw.preparation.writing.image_output import encoded, exif_of
+
+DAMAGED = "the HEIC image is damaged, or of a kind that pi-heif does not decode"
+"""Reason why a file is left out."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def with_jpeg(files: Sequence[InputFile], folder: Path) -> Converted:
     others = set(files).difference(heic)
     shots = {shot(file.name) for file in others if file.path.suffix.lower() in EXTENSIONS}
     wanted = [file for file in heic if file.asked or shot(file.name) not in shots]
-    if not wanted or importlib.util.find_spec("pi_heif") is None:
+    if not wanted or not _is_installed():
         return Converted(tuple(files))
     converted: dict[InputFile, InputFile] = {}
     damaged: dict[InputFile, LeftOut] = {}
@@ -70,6 +72,14 @@ def with_jpeg(files: Sequence[InputFile], folder: Path) -> Converted:
     kept = (converted.get(file, file) for file in files if file not in damaged)
     note = f"HEIC photos are converted to JPEG (quality {JPEG_QUALITY}): {len(converted)}"
     return Converted(tuple(kept), tuple(damaged.values()), (note,) if converted else ())
+
+
+def _is_installed() -> bool:
+    try:
+        import pi_heif  # noqa: F401
+    except ImportError:  # Also where a library that it needs is missing.
+        return False
+    return True
 
 
 def _is_heic(path: Path) -> bool:
@@ -88,8 +98,12 @@ def _converted(file: InputFile, folder: Path) -> InputFile | LeftOut:
     if not path.is_file():
         try:
             content = _jpeg(file.path)
-        except Exception:  # pi-heif raises whatever a broken file makes it.
-            return LeftOut(file.name, "the HEIC image is cut off or damaged", "Copy it again.")
+        except MemoryError:
+            raise
+        except Exception as error:  # pi-heif raises whatever a broken file makes it.
+            if isinstance(error, OSError) and error.strerror:
+                return LeftOut(file.name, f"the file cannot be read ({error.strerror})")
+            return LeftOut(file.name, DAMAGED, "Copy it again, or convert it to JPEG.")
         write_atomically(path, content)
     return replace(file, path=path, name=PurePosixPath(file.name).with_suffix(".jpg").as_posix())
 
@@ -100,14 +114,14 @@ def _jpeg(path: Path) -> bytes:
 
     stored = pi_heif.open_heif(path)
     color = stored.info.get("nclx_profile", {})
-    transfer = color.get("transfer_characteristics", 0)
-    if transfer in HDR:
-        # Its array does not keep the image that it is a view of.
-        numbers = pi_heif.open_heif(path, convert_hdr_to_8bit=False)
-        pixels = np.array(numbers)[..., :3]
-        image = Image.fromarray(hdr_to_srgb(pixels, transfer, color["color_primaries"]))
-        image.info["exif"] = stored.info.get("exif") or b""
-    else:
+    codes = color.get("transfer_characteristics", 0), color.get("color_primaries", 0)
+    if is_like_srgb(*codes) or stored.info.get("icc_profile"):
         image = stored.to_pillow()
-    pixels = np.asarray(in_srgb(image, "RGB", profile_of(image)))
-    return encoded(pixels, "JPEG", JPEG_QUALITY, exif_of(image))
+        pixels = np.asarray(in_srgb(image, "RGB", profile_of(image)))
+        return encoded(pixels, "JPEG", JPEG_QUALITY, exif_of(image))
+    stored = pi_heif.open_heif(path, convert_hdr_to_8bit=False)
+    numbers = np.array(stored)[..., :3]
+    deep = numbers if numbers.dtype == np.uint16 else numbers.astype(np.uint16) * 257
+    image = Image.fromarray(coded_to_srgb(deep, *codes))
+    image.info["exif"] = stored.info.get("exif") or b""
+    return encoded(np.asarray(image), "JPEG", JPEG_QUALITY, exif_of(image))

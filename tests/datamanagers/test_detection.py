@@ -1,5 +1,7 @@
 """What is said of paths that are no data set."""
 
+from zipfile import ZipFile
+
 from support.small_captures import ring, write_colmap, write_image, write_transforms
 
 from gsfw.datamanagers.blender import BlenderConfig
@@ -29,7 +31,10 @@ def test_images_without_cameras_lead_to_prepare(tmp_path):
 def test_photos_of_an_iphone_lead_to_prepare_and_its_recordings_to_unzip(tmp_path):
     (tmp_path / "IMG_1.HEIC").touch()
     assert describe_unrecognised(tmp_path).startswith("1 image, but no cameras; compute them with")
-    (tmp_path / "a.r3d").touch()
+    (tmp_path / "red.R3D").write_bytes(b"of a camera of RED")
+    assert describe_unrecognised(tmp_path / "red.R3D") == ""
+    with ZipFile(tmp_path / "a.r3d", "w") as archive:
+        archive.writestr("metadata", "{}")
     assert describe_unrecognised(tmp_path / "a.r3d") == (
         f"a recording of Record3D: unzip {tmp_path / 'a.r3d'} -d DIR, and give that folder"
     )
@@ -48,8 +53,10 @@ def test_a_folder_of_data_sets_names_them(tmp_path):
     write_colmap(tmp_path / "fox/sparse/0", ring())
     write_transforms(tmp_path / "chair/transforms_train.json", ring())
     (tmp_path / "notes").mkdir()
+    (tmp_path / "room/rgb").mkdir(parents=True)
+    (tmp_path / "room/metadata.json").write_text("{}")
     assert describe_unrecognised(tmp_path) == (
-        "data sets in chair/, fox/; give one of these folders"
+        "data sets in chair/, fox/, room/; give one of these folders"
     )
 
 

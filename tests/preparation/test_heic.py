@@ -1,6 +1,7 @@
 """HEIC photos become JPEG files of a preparation."""
 
 import io
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ from support.heic_files import write_heic
 from support.source_photos import HEIC_ADVICE, names, only_left_out, photo, written
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.coded_colors import PQ, coded_to_srgb
 from gsfw.datamanagers.color_profile import in_srgb
-from gsfw.datamanagers.high_dynamic_range import PQ, hdr_to_srgb
 from gsfw.datamanagers.images import decode
 from gsfw.preparation.heic import _jpeg
 from gsfw.preparation.source import read_source
@@ -70,11 +71,12 @@ def test_colors_of_a_profile_become_srgb(tmp_path):
         assert np.abs(shown[20, column] - expected[20, column]).max() <= CODING
 
 
-def test_photos_of_a_high_dynamic_range_become_srgb(tmp_path):
-    grey = np.full((48, 64, 3), round(0.5806 * 255), np.uint8)
-    shown = opened(_jpeg(write_heic(tmp_path / "a.hif", grey, transfer=PQ)))
-    expected = hdr_to_srgb(grey.astype(np.uint16) * 257, PQ, 9).astype(int)
-    assert np.abs(shown - expected).max() <= CODING
+def test_photos_of_a_coded_colors_become_srgb(tmp_path):
+    image = np.full((48, 64, 3), (130, 100, 110), np.uint8)
+    for transfer in (PQ, 13):  # 13: the curve of sRGB, with primaries of BT.2020.
+        shown = opened(_jpeg(write_heic(tmp_path / "a.hif", image, transfer=transfer)))
+        expected = coded_to_srgb(image.astype(np.uint16) * 257, transfer, 9).astype(int)
+        assert np.abs(shown - expected).max() <= CODING
 
 
 def opened(content: bytes) -> np.ndarray:
@@ -112,8 +114,8 @@ def test_a_damaged_file_is_left_out_with_the_reason(tmp_path):
     left_out = only_left_out(source(folder))
     assert (left_out.name, left_out.reason, left_out.advice) == (
         "b.heic",
-        "the HEIC image is cut off or damaged",
-        "Copy it again.",
+        "the HEIC image is damaged, or of a kind that pi-heif does not decode",
+        "Copy it again, or convert it to JPEG.",
     )
 
 
@@ -126,7 +128,7 @@ def test_the_clip_of_a_live_photo_is_still_known(tmp_path):
 
 
 def test_without_the_decoder_its_name_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "pi_heif", None)
     folder = tmp_path / "photos"
     folder.mkdir()
     write_heic(folder / "a.heic", pixels())

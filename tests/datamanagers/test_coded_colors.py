@@ -1,4 +1,4 @@
-"""HDR videos become sRGB: against the equations in float64, and through files."""
+"""Coded colours become sRGB: against the equations in float64, and through files."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.small_captures import HEIGHT, WIDTH
 
-from gsfw.datamanagers.high_dynamic_range import HLG, PQ, compressed, hdr_to_srgb
+from gsfw.datamanagers.coded_colors import HLG, PQ, coded_to_srgb, compressed
 from gsfw.datamanagers.video import Shot, Video
 
 BT2020_TO_BT709 = np.array(
@@ -46,7 +46,7 @@ def expected(values, transfer):
 
 
 def converted(color, transfer, primaries=9):
-    return hdr_to_srgb(np.array([[color]], np.uint16), transfer, primaries)[0, 0]
+    return coded_to_srgb(np.array([[color]], np.uint16), transfer, primaries)[0, 0]
 
 
 @given(color=st.tuples(number, number, number), transfer=st.sampled_from([PQ, HLG]))
@@ -68,7 +68,7 @@ def test_the_reference_white_of_both_curves_is_the_same_bright_grey():
 @pytest.mark.parametrize("transfer", [PQ, HLG])
 def test_greys_stay_grey_rise_and_reach_black_and_white(transfer):
     ramp = np.repeat(np.arange(0, 65536, 17, dtype=np.uint16)[:, None, None], 3, axis=2)
-    result = hdr_to_srgb(ramp, transfer, 9)[:, 0].astype(int)
+    result = coded_to_srgb(ramp, transfer, 9)[:, 0].astype(int)
     assert np.ptp(result, axis=1).max() == 0
     assert (np.diff(result[:, 0]) >= 0).all()
     assert (result[0, 0], result[-1, 0]) == (0, 255)
@@ -91,21 +91,39 @@ def test_primaries_are_those_of_the_file():
     assert green[0] < green[-1]
 
 
+COLOR = np.array([0.6, 0.3, 0.45])
+"""Numbers of HLG."""
+
+
+def ten_bits(color) -> list[int]:
+    """Y, Cb and Cr (ITU-R BT.2100-2, tables 6 and 9)."""
+    luma = float(color @ LUMINANCE)
+    blue, red = (color[2] - luma) / 1.8814, (color[0] - luma) / 1.4746
+    return [round(64 + 876 * luma), round(512 + 896 * blue), round(512 + 896 * red)]
+
+
 @pytest.fixture(scope="module")
 def hlg_video(tmp_path_factory):
-    """A grey video of 10 bits, as phones record it."""
-    av = pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
+    """A video of 10 bits and of one colour, as phones record it."""
     path = tmp_path_factory.mktemp("hlg") / "a.mp4"
+    return write_color(path, ten_bits(COLOR), "yuv420p10le", HLG, 9, 9, 1)
+
+
+def write_color(path, values, layout, transfer, primaries, matrix, color_range) -> Video:
+    """A video of one image of one colour, with its codes."""
+    av = pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30, options={"qp": "0"})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p10le"
-        frame = av.VideoFrame(WIDTH, HEIGHT, "yuv420p10le")
-        for plane, value in zip(frame.planes, (64 + 876 * 3 // 4, 512, 512), strict=True):
-            plane.update(np.full(plane.buffer_size // 2, value, "<u2").tobytes())
-        traits = {"color_trc": HLG, "color_primaries": 9, "colorspace": 9}
-        for name, value in traits.items():
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, layout
+        frame = av.VideoFrame(WIDTH, HEIGHT, layout)
+        sample = "<u2" if "10" in layout else "u1"
+        for plane, value in zip(frame.planes, values, strict=True):
+            size = plane.buffer_size // np.dtype(sample).itemsize
+            plane.update(np.full(size, value, sample).tobytes())
+        codes = {"color_trc": transfer, "color_primaries": primaries, "colorspace": matrix}
+        for name, value in (codes | {"color_range": color_range}).items():
             setattr(stream.codec_context, name, value)
-            if hasattr(frame, name):  # PyAV 14.1 has it not.
+            if hasattr(frame, name):  # PyAV 14.1 has some of them not.
                 setattr(frame, name, value)
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
@@ -117,11 +135,27 @@ def test_images_of_an_hdr_video_are_converted_unless_they_are_to_stay_as_stored(
     assert hlg_video.traits.primaries == 9
     shown = hlg_video.image(0)
     assert shown.shape == (HEIGHT, WIDTH, 3)
-    assert np.abs(shown.astype(int) - converted([49151] * 3, HLG)).max() <= FFMPEG
+    wanted = converted((65535 * COLOR).astype(np.uint16), HLG).astype(int)
+    assert np.abs(shown - wanted).max() <= FFMPEG
     stored = Shot(hlg_video, 0).as_stored().video.image(0)
-    assert np.abs(stored.astype(int) - 191).max() <= FFMPEG
+    assert np.abs(stored - 255 * COLOR).max() <= FFMPEG
 
 
-def test_other_videos_keep_their_numbers(hlg_video):
-    plain = replace(hlg_video, traits=replace(hlg_video.traits, transfer=1))
-    assert np.abs(plain.image(0).astype(int) - 191).max() <= FFMPEG
+def test_other_videos_keep_their_numbers_or_only_change_primaries(hlg_video):
+    plain = replace(hlg_video, traits=replace(hlg_video.traits, transfer=1, primaries=1))
+    assert np.abs(plain.image(0) - 255 * COLOR).max() <= FFMPEG
+    wide = replace(hlg_video, traits=replace(hlg_video.traits, transfer=1))
+    light = BT2020_TO_BT709 @ (((COLOR + 0.055) / 1.055) ** 2.4)
+    assert np.abs(wide.image(0) - 255 * (1.055 * light ** (1 / 2.4) - 0.055)).max() <= FFMPEG
+
+
+@pytest.mark.parametrize(("matrix", "red", "blue"), [(1, 0.2126, 0.0722), (5, 0.299, 0.114)])
+@pytest.mark.parametrize("full", [False, True])
+def test_the_matrix_and_range_of_a_file_are_applied(tmp_path, matrix, red, blue, full):
+    luma = float(COLOR @ [red, 1 - red - blue, blue])
+    chroma = (COLOR[2] - luma) / (2 - 2 * blue), (COLOR[0] - luma) / (2 - 2 * red)
+    steps = (255, 255) if full else (219, 224)
+    planes = [round((0 if full else 16) + steps[0] * luma)]
+    planes += [round(128 + steps[1] * value) for value in chroma]
+    video = write_color(tmp_path / "a.mp4", planes, "yuv420p", 1, 1, matrix, 2 if full else 1)
+    assert np.abs(video.image(0) - 255 * COLOR).max() <= FFMPEG

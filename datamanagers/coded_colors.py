@@ -1,7 +1,8 @@
-"""Conversion of high dynamic range (HDR) video to sRGB.
+"""Coded colours: numbers of videos and HEIC photos by ITU-T H.273, and their conversion to sRGB.
 
-Phones record HLG by default. Its numbers look pale when they are taken for sRGB. The conversion is
-the same for all images, as a curve that adapts to each would give one surface several colours:
+Phones record HLG, a curve of high dynamic range (HDR), by default. Its numbers look pale when they
+are taken for sRGB. The conversion is the same for all images, as a curve that adapts to each would
+give one surface several colours:
 
 1. Light (ITU-R BT.2100-2, tables 4 and 5), for HLG of a display of 1000 nits.
 2. The primaries of sRGB. Colours outside of them are clipped.
@@ -9,6 +10,8 @@ the same for all images, as a curve that adapts to each would give one surface s
    tones keep their light, and highlights up to 1000 nits are compressed (ITU-R BT.2390, 5.4.1). The
    curve maps the largest of red, green and blue, and the others in proportion, which keeps the hue.
 4. The numbers of sRGB (IEC 61966-2-1).
+
+Curves without high dynamic range are taken for that of sRGB, so that only primaries change.
 """
 
 from __future__ import annotations
@@ -41,15 +44,20 @@ LEVELS = np.linspace(0, 1, 1 << 16)
 """Numbers of 16 bits, in [0, 1]."""
 
 
-def hdr_to_srgb(
+def is_like_srgb(transfer: int, primaries: int) -> bool:
+    """True if numbers of these characteristics (ITU-T H.273) are taken for sRGB as they are."""
+    return transfer not in HDR and primaries not in (BT2020, P3)
+
+
+def coded_to_srgb(
     pixels: UInt16[np.ndarray, "h w 3"], transfer: int, primaries: int
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Convert an HDR image to sRGB.
+    """Convert an image to sRGB.
 
     Args:
         pixels: non-linear red, green and blue; 65535 for 1.
-        transfer: ``PQ`` or ``HLG``.
-        primaries: one of ``PRIMARIES``; others are taken for BT.2020.
+        transfer: ``PQ`` or ``HLG``; others are taken for the curve of sRGB.
+        primaries: one of ``PRIMARIES``; others are taken for BT.2020 in HDR.
     """
     to_xyz = _to_xyz(primaries if primaries in PRIMARIES else BT2020)
     to_srgb = np.linalg.solve(_to_xyz(SRGB), to_xyz).astype(np.float32)
@@ -60,7 +68,8 @@ def hdr_to_srgb(
         if transfer == HLG:
             light *= _surround()[_level(light @ luminance)][..., None]
         light = light @ to_srgb.T
-        light *= _compression()[_level(light.max(axis=2))][..., None]
+        if transfer in HDR:
+            light *= _compression()[_level(light.max(axis=2))][..., None]
         result[top : top + STRIP] = _srgb()[_level(light)]
     return result
 
@@ -77,11 +86,14 @@ def _to_xyz(primaries: int) -> Float64[np.ndarray, "3 3"]:
     return columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _light(transfer: int) -> Float32[np.ndarray, " n"]:
-    """Light by number, 1 for ``PEAK``: of the display for PQ, of the scene for HLG."""
+    """Light by number: of the display for PQ (1 for ``PEAK``), else of the scene."""
     if transfer == PQ:
         return (pq_to_nits(LEVELS) / PEAK).clip(max=1).astype(np.float32)
+    if transfer != HLG:
+        bright = ((LEVELS + 0.055) / 1.055) ** 2.4
+        return np.where(LEVELS <= 0.04045, LEVELS / 12.92, bright).astype(np.float32)
     # The inverse OETF of HLG.
     a, b, c = 0.17883277, 0.28466892, 0.55991073
     bright = (np.exp((LEVELS - c) / a) + b) / 12
