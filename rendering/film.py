@@ -9,12 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from gsfw.core.errors import UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 
 if TYPE_CHECKING:
+    from av import VideoFrame
     from PIL.Image import Image as Picture
 
 VideoFormat = Literal["auto", "mp4", "webm", "webp", "none"]
@@ -34,6 +35,9 @@ CODECS: Mapping[str, _Codec] = {
     "webm": _Codec("libvpx-vp9", {"crf": "24", "b": "0", "row-mt": "1", "cpu-used": "3"}),
 }
 """The encoder of each format that needs PyAV: H.264 plays everywhere, VP9 is free of patents."""
+
+COLORS = {"colorspace": 1, "color_primaries": 1, "color_trc": 13, "color_range": 1}
+"""Matrix and primaries of BT.709, the curve of sRGB, limited range (ITU-T H.273)."""
 
 INSTALLATION = "pip install 'gsfw[video]'"
 """Command that installs the encoders."""
@@ -118,14 +122,29 @@ def _write_encoded(
     with _partial(path) as partial, av.open(str(partial), "w", format=chosen) as container:
         stream = container.add_stream(codec.name, rate=rate, options=dict(codec.options))
         stream.pix_fmt = "yuv420p"
+        _state_colors(stream.codec_context)
         for number, frame in enumerate(frames):
             image = _picture(frame)
             width, height = (max(side // 2 * 2, 2) for side in image.size)
             if number == 0:
                 stream.width, stream.height = width, height
-            even = image.crop((0, 0, width, height))
-            container.mux(stream.encode(av.VideoFrame.from_image(even)))
+            even = av.VideoFrame.from_image(image.crop((0, 0, width, height)))
+            container.mux(stream.encode(_coded(even)))
         container.mux(stream.encode())
+
+
+def _coded(frame: VideoFrame) -> VideoFrame:
+    """A frame of sRGB by the matrix of HD video, which players also use where a file is silent."""
+    matrix, limited = COLORS["colorspace"], COLORS["color_range"]
+    coded = frame.reformat(format="yuv420p", dst_colorspace=matrix, dst_color_range=limited)
+    _state_colors(coded)
+    return coded
+
+
+def _state_colors(coded: Any) -> None:  # noqa: ANN401
+    for name, value in COLORS.items():
+        if hasattr(coded, name):  # Frames of PyAV 14.1 lack some.
+            setattr(coded, name, value)
 
 
 def _picture(file: Path) -> Picture:

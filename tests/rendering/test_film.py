@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 
 from gsfw.core.errors import OutputError, UnavailableError
+from gsfw.datamanagers.video import Video
 from gsfw.rendering.film import choose_format, write_film
 from gsfw.rendering.image_files import write_image
 
@@ -65,6 +66,22 @@ def test_a_video_has_every_frame_and_an_even_size(frames, tmp_path, form, codecs
     means = [image.mean() / 255 for image in images]
     assert means == pytest.approx([0.2, 0.5, 0.8], abs=0.02)
     assert sorted(item.name for item in tmp_path.iterdir()) == [f"film.{form}", "frames"]
+
+
+@pytest.mark.parametrize("form", ["mp4", "webm"])
+def test_a_video_states_how_its_colors_are_coded(tmp_path, form):
+    """Players guess otherwise, by the size of the image."""
+    av = pytest.importorskip("av", reason="PyAV is not installed (extra video)")
+    color = torch.tensor([0.8, 0.25, 0.15]).expand(32, 48, 3)
+    frame = write_image(tmp_path / "0000.png", color)
+    (path,) = write_film(tmp_path / "film", [frame], 25, form)
+    shown = Video.read(path).image(0)
+    assert abs(shown / 255 - color.numpy()).max() < 0.02
+    with av.open(str(path)) as container:
+        image = next(container.decode(video=0))
+        codes = container.streams.video[0].codec_context
+        assert (image.colorspace, image.color_range) == (1, 1)
+        assert (codes.color_primaries, codes.color_trc) == (1, 13)
 
 
 def test_no_film_is_made_where_none_is_wanted(frames, tmp_path):
