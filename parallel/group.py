@@ -19,6 +19,9 @@ from gsfw.parallel.environment import patience
 Value = TypeVar("Value")
 Pieces = Sequence[Tensor]
 """Contiguous tensors of one type, which are sent one after another."""
+NEARLY_ALL = 0.95
+"""Part of the longest wait after which a process counts as silent: the first one whose wait ends
+closes its connections, and the others see them closed a little before their own waits end."""
 
 
 class Group:
@@ -174,6 +177,7 @@ def losses_named() -> Iterator[None]:
 
     Raises:
         LostProcessError: another process has ended, or does not answer.
+        SilentProcessError: it has not answered within the longest wait.
     """
     started = time.monotonic()
     try:
@@ -183,7 +187,7 @@ def losses_named() -> Iterator[None]:
         text = re.sub(r"^\[[^]]*\]\s*", "", str(error).strip()).split(". ")[0]
         cause = text.partition("\n")[0] or type(error).__name__
         clear_frames(error.__traceback__)  # They refer to the connections, which ``spare`` closes.
-        is_silent = time.monotonic() - started >= 60 * patience()
+        is_silent = time.monotonic() - started >= NEARLY_ALL * 60 * patience()
         raise (SilentProcessError if is_silent else LostProcessError)(
             f"another process of this training has ended or does not answer ({cause}).",
             "Its own message says why. Go on from the last checkpoint with gsfw resume RUN.",

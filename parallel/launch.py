@@ -79,9 +79,8 @@ def connected(device: torch.device, shards: int = 0) -> Iterator[Team]:
     try:
         with losses_named():
             # No variable refers to a channel, which ends with its last reference (``Group.spare``).
-            group = group_on(
-                device, dist.new_group(timeout=limit) if device.type == "cpu" else None
-            )
+            has_spare = shards > 0 and device.type == "cpu"
+            group = group_on(device, dist.new_group(timeout=limit) if has_spare else None)
         yield GaussianParallel(group, shards) if shards else DataParallel(group)
     finally:
         dist.destroy_process_group()
@@ -214,8 +213,11 @@ def _report(failures: Mapping[int, ProcessFailure]) -> int:
         if failure.exitcode >= 0 or -failure.exitcode == signal.SIGTERM:
             continue
         name = signal.Signals(-failure.exitcode).name
-        if failure.timestamp - first >= STUBBORN:
-            said = f"process {number} did not react any more, and was ended"
+        # All that end while torch waits for one of them have the time of the end of the wait.
+        if name == "SIGKILL" and failure.timestamp - first >= STUBBORN:
+            said = (
+                f"process {number} had not ended 30 seconds after another one failed, and was ended"
+            )
         elif name in ("SIGKILL", "SIGBUS"):
             said = f"process {number} was ended by {name} (memory may have run out)"
         else:

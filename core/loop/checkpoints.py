@@ -114,14 +114,15 @@ class Checkpoints:
         if not team.evaluates:
             return
         with suppress(Exception):  # The first error is the one to report.
-            before = trainer.folder.latest_checkpoint()
+            # A process that cannot read the folder still has to meet the others.
+            before = trainer.folder.latest_checkpoint() if team.leads else None
             if not team.shares_rendering:
                 if has_state:
                     self.keep(trainer)
             elif not isinstance(error, SilentProcessError):
                 self._keep_together(trainer, has_state and not trainer.updates.is_underway)
-            kept = trainer.folder.latest_checkpoint()
-            if kept != before and team.leads:
+            kept = trainer.folder.latest_checkpoint() if team.leads else None
+            if kept != before:
                 logger.warning(
                     "%s has the state after %d steps: %sgsfw resume %s continues from there",
                     *(kept, trainer.step),
@@ -174,12 +175,15 @@ class Checkpoints:
 
         Raises:
             TrainingError: in place of a message on the state; the first process has the message.
+            LostProcessError: another process has ended, or does not answer.
         """
         try:
             yield
         except (OutputError, torch.OutOfMemoryError):
             raise
         except Exception as error:
+            if isinstance(error, LostProcessError) and not isinstance(error, _OtherStateError):
+                raise  # The state may be sound; its other rows are out of reach.
             if trainer.walk.updates == 0:  # Nothing is lost.
                 if isinstance(error, NotFiniteError):
                     raise ConfigError(f"{error}.", FINITE) from None
@@ -222,6 +226,10 @@ class Checkpoints:
         return path
 
 
+class _OtherStateError(LostProcessError):
+    """The state of another process cannot be made; the first process has its text."""
+
+
 def _wait_for_first(team: Team) -> None:
     """Wait until the first process has written: a launcher ends all when another one ends."""
     if team.shares_rendering:
@@ -234,6 +242,7 @@ def _in_all(team: Team, make: Callable[[], Made]) -> Made:
     Raises:
         Exception: that of making it.
         TrainingError: another process has failed; the first process has its text.
+        LostProcessError: another process has ended, or does not answer.
     """
     try:
         made = make()
@@ -244,19 +253,20 @@ def _in_all(team: Team, make: Callable[[], Made]) -> Made:
     texts = team.gathered("") if team.shares_rendering else []
     for number, text in enumerate(texts):
         if text:
-            raise (TrainingError if team.leads else LostProcessError)(f"process {number}: {text}")
+            raise (TrainingError if team.leads else _OtherStateError)(f"process {number}: {text}")
     return made
 
 
 def _advice(trainer: Trainer, advice: str, model: Path | None) -> str:
     """The remedy, and the files that are kept."""
-    lines, run = [advice], shell_argument(trainer.folder.path)
+    lines = [advice] if advice else []
     if model is not None:
         lines.append(
             f"{model} has the model after {trainer.step} steps: gsfw view {shell_argument(model)}"
         )
     kept = trainer.folder.latest_checkpoint()
     if kept is not None:
+        run = shell_argument(trainer.folder.path)
         lines.append(
             f"{kept} is kept: once that is corrected, gsfw resume {run} continues from there."
         )

@@ -4,6 +4,7 @@ Threads stand for processes here; test_processes.py has real ones.
 """
 
 import itertools
+from collections import Counter
 
 import pytest
 import torch
@@ -40,6 +41,8 @@ class Failing(UniformSampler):
     def state_dict(self):
         if self.drawn < FAILS_AT or self.of_state is None:
             return super().state_dict()
+        if isinstance(self.of_state, BaseException):
+            raise self.of_state
         return {**super().state_dict(), "cache": self.of_state}
 
 
@@ -127,10 +130,49 @@ def test_a_killed_process_takes_its_rows_along_and_the_first_one_says_so(tmp_pat
     assert caplog.messages == [said]
 
 
+def test_a_process_that_is_killed_in_the_check_of_states_is_no_fault_of_a_state(tmp_path, caplog):
+    found = three_runs(tmp_path, failing(1, of_state=SystemExit(9)))
+    assert [type(error) for _, error in found] == [LostProcessError, SystemExit, LostProcessError]
+    assert all(str(error) == "another thread has ended." for _, error in (found[0], found[2]))
+    assert caplog.text.count("are lost with the Gaussians of another process") == 1
+
+
+def test_a_silent_process_in_the_check_of_states_stays_one(tmp_path, monkeypatch):
+    asked, gathered = Counter(), GaussianParallel.gathered
+
+    def silent_at_the_check(team, value):
+        asked[team.rank] += value == ""  # The states of the first checkpoint and of the check.
+        if asked[team.rank] == 2:
+            raise SilentProcessError("silent")
+        return gathered(team, value)
+
+    monkeypatch.setattr(GaussianParallel, "gathered", silent_at_the_check)
+    found = three_runs(tmp_path, failing(None))
+    assert [type(error) for _, error in found] == [SilentProcessError] * 3
+
+
 @pytest.mark.parametrize("error", [SilentProcessError("silent"), OutputError("the disk is full")])
 def test_errors_that_would_come_again_and_long_waits_end_at_once(tmp_path, error):
     three_runs(tmp_path, failing(0, of_views=error))
     assert RunFolder(tmp_path).latest_checkpoint() == RunFolder(tmp_path).checkpoint(8)
+
+
+class Unreadable(RunFolder):
+    """A folder that a process may not read."""
+
+    def latest_checkpoint(self):
+        raise PermissionError(self.path)
+
+
+def test_processes_that_cannot_read_the_folder_give_their_rows_to_the_first_one(tmp_path):
+    def change(run):
+        if run.parts.team.leads:
+            return with_parts(run, sampler=Failing(of_views=IndexError("a bug")))
+        run.folder = Unreadable(run.folder.path)
+        return None
+
+    three_runs(tmp_path, change)
+    assert RunFolder(tmp_path).latest_checkpoint() == RunFolder(tmp_path).checkpoint(FAILS_AT)
 
 
 @pytest.mark.parametrize("fails", [0, 1, None])
@@ -139,6 +181,8 @@ def test_a_state_that_no_checkpoint_can_hold_leaves_the_model_with_all_rows(tmp_
     (first, error), *others = found
     assert "no checkpoint can be written after" in str(error)
     assert "object of the class object as ['cache']" in str(error)
+    assert "\n\n" not in str(error)
+    assert str(error).endswith(f"gsfw resume {tmp_path} continues from there.")
     assert all(type(other) is LostProcessError for _, other in others)
     (model,) = first.folder.models_alone()
     kept = read_checkpoint(model)
@@ -147,9 +191,8 @@ def test_a_state_that_no_checkpoint_can_hold_leaves_the_model_with_all_rows(tmp_
     assert torch.equal(kept["model"]["means.values"], rows_of(found))
 
 
-@pytest.mark.parametrize("value", [torch.tensor(torch.nan)])
-def test_a_state_that_is_not_finite_leaves_the_model_with_all_rows(tmp_path, value):
-    found = three_runs(tmp_path, failing(None, of_state=value))
+def test_a_state_that_is_not_finite_leaves_the_model_with_all_rows(tmp_path):
+    found = three_runs(tmp_path, failing(None, of_state=torch.tensor(torch.nan)))
     assert "after 16 steps: sampler.cache is not finite." in str(found[0][1])
     (model,) = found[0][0].folder.models_alone()
     assert torch.equal(read_checkpoint(model)["model"]["means.values"], rows_of(found))

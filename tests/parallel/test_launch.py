@@ -10,7 +10,7 @@ from gsfw.parallel.launch import _report
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 RESUME = "Go on from the last checkpoint with gsfw resume RUN.\n"
-STUCK = "did not react any more, and was ended\n"
+STUCK = "had not ended 30 seconds after another one failed, and was ended\n"
 KILLED = "was ended by SIGKILL (memory may have run out)\n"
 
 
@@ -33,6 +33,7 @@ def failures(*found):
         ([(-9, 0), (1, 3)], 1, f"error: process 0 {KILLED}{RESUME}"),
         ([(1, 0), (-9, 30)], 1, f"error: process 1 {STUCK}"),
         ([(-9, 30), (1, 0)], 1, f"error: process 0 {STUCK}{RESUME}"),
+        ([(1, 0), (-11, 30)], 1, "error: process 1 was ended by SIGSEGV\n"),
         ([(2, 0), (-15, 1)], 2, ""),
         # A signal for all of them.
         ([(143, 0), (143, 0)], 143, ""),

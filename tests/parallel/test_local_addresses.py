@@ -35,6 +35,16 @@ def test_a_process_with_shards_of_its_own_listens_on_loopback_alone(alone):
         assert addresses() - before <= {"127.0.0.1", "::1"}
 
 
+@pytest.mark.parametrize(("shards", "spare"), [(0, 0), (1, 1)])
+def test_processes_have_spare_connections_only_if_they_share_gaussians(
+    alone, monkeypatch, shards, spare
+):
+    made, new_group = [], dist.new_group
+    monkeypatch.setattr(dist, "new_group", lambda **given: made.append(given) or new_group(**given))
+    with connected(torch.device("cpu"), shards):
+        assert len(made) == spare
+
+
 class Failed:
     """What torch's launcher returns when all has failed."""
 
