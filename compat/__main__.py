@@ -12,6 +12,10 @@ import sys
 import traceback
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gsfw.compat.replacement import Replacement
 
 THIRD = "GSFW_THIRD_OUTPUT"
 
@@ -78,24 +82,13 @@ def run(given: argparse.Namespace) -> int:
     from gsfw.compat.replacement import replace_modules
 
     gpu = torch.cuda.is_available()
-    done = replace_modules(given.always, gpu)
-    notes = [f"{', '.join(done.replaced) or 'nothing'} replaced"]
-    notes += (
-        [f"{', '.join(done.kept)} kept as installed (--always replaces it)"] if done.kept else []
-    )
-    if not gpu:
-        notes += [
-            "there is no GPU, so installed ones are replaced too",
-            "the device cuda stands for the CPU",
-        ]
-    notes.append(f"rasterizer {os.environ.get('GSFW_RASTERIZER', 'auto')}")
-    _say(f"gsfw.compat: {'; '.join(notes)}.")
     try:
+        _say(_first_line(replace_modules(given.always, gpu), gpu))
         leave_out(given.without)
         with nullcontext() if gpu else CudaOnCpu(given.claim_gpu):
             runpy.run_path(str(given.script), run_name="__main__")
     except (UserError, ImportError, ValueError, AssertionError, RuntimeError) as error:
-        explained = explain(given.script, error)
+        explained = explain(given.script, error, given.claim_gpu)
         if explained is None:
             raise
         if explained.traceback:
@@ -103,6 +96,18 @@ def run(given: argparse.Namespace) -> int:
         _say(explained.text)
         return explained.exit_code
     return 0
+
+
+def _first_line(done: Replacement, gpu: bool) -> str:
+    """The replacements in words."""
+    notes = [f"{', '.join(done.replaced) or 'nothing'} replaced"]
+    if done.kept:
+        notes.append(f"{', '.join(done.kept)} kept as installed (--always replaces it)")
+    if not gpu:
+        notes.append("there is no GPU, so installed ones are replaced too")
+        notes.append("the device cuda stands for the CPU")
+    notes.append(f"rasterizer {os.environ.get('GSFW_RASTERIZER', 'auto')}")
+    return f"gsfw.compat: {'; '.join(notes)}."
 
 
 def _say(line: str) -> None:

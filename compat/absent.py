@@ -56,7 +56,9 @@ class _Module(ModuleType):
 
 
 class _Name:
-    """A name of an absent package: it can be imported and passed on, but not called."""
+    """A name of an absent package: it can be imported, annotated and passed on, but not called."""
+
+    _path = ""  # A copy is asked for its methods before it has its own.
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -66,6 +68,25 @@ class _Name:
 
     def __call__(self, *_: Any, **__: Any) -> NoReturn:  # noqa: ANN401 - any call is an error
         self._refuse("calls")
+
+    def __getitem__(self, key: object) -> _Name:
+        """In annotations, such as ``NDArray[float]``."""
+        return self
+
+    def __or__(self, other: object) -> _Name:
+        """In annotations, such as ``Tensor | None``."""
+        return self
+
+    __ror__ = __or__
+
+    def __instancecheck__(self, instance: object) -> bool:
+        """False: nothing can be made of an absent class."""
+        return False
+
+    __subclasscheck__ = __instancecheck__
+
+    def __iter__(self) -> NoReturn:
+        self._refuse("iterates over")
 
     def __mro_entries__(self, bases: tuple[object, ...]) -> NoReturn:
         self._refuse("derives a class from")

@@ -126,7 +126,7 @@ def _zero(*_: object, **__: object) -> int:
     return 0
 
 
-def _true() -> bool:
+def _true(*_: object, **__: object) -> bool:
     return True
 
 
@@ -241,5 +241,6 @@ PATCHES: tuple[tuple[Any, str, Any], ...] = (
 CLAIMS: tuple[tuple[Any, str, Any], ...] = (
     (torch.cuda, "is_available", _true),
     (torch.cuda, "device_count", _one),
+    (torch.cuda, "is_bf16_supported", _true),
 )
 """Functions that scripts ask for a GPU."""

@@ -47,22 +47,36 @@ class Explanation:
     """The error may have another cause, which the traceback shows."""
 
 
-def explain(script: Path, error: Exception) -> Explanation | None:
-    """The explanation of an error; ``None`` for errors of the script's own code."""
+def explain(script: Path, error: Exception, claimed: bool = False) -> Explanation | None:
+    """The explanation of an error; ``None`` for errors of the script's own code.
+
+    Args:
+        script: the script.
+        error: ended it.
+        claimed: it ran with ``--claim-gpu``.
+    """
     place = _place(script, error)
     if isinstance(error, UserError):
         return Explanation(f"{place}: {error.message} {error.advice}", error.exit_code)
-    if isinstance(error, ModuleNotFoundError):
-        return _explain_missing(place, error.name or "")
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        return _explain_missing(place, error.name)
     if name := NO_NAME.search(str(error)):
         return _explain_lacking(place, f"{name[2]}.{name[1]}")
-    wants_gpu = isinstance(error, AssertionError | RuntimeError) and GPU.search(str(error))
-    if wants_gpu and not torch.cuda.is_available():
+    if _wants_gpu(error) and not (claimed or torch.cuda.is_available()):
         text = "If this line requires a GPU, put --claim-gpu before the script."
         return Explanation(text, 1, traceback=True)
     if count := WRONG_COUNT.search(str(error)):
         return Explanation(_explain_count(int(count[1])), 1, traceback=True)
     return None
+
+
+def _wants_gpu(error: Exception) -> bool:
+    """True if a check for a GPU may have failed, by the text of the error, or by its line."""
+    if not isinstance(error, AssertionError | RuntimeError):
+        return False
+    frames = traceback.extract_tb(error.__traceback__)
+    text = str(error) or (frames[-1].line if frames else "")  # An assertion may have no text.
+    return bool(GPU.search(text or ""))
 
 
 def _explain_missing(place: str, name: str) -> Explanation:

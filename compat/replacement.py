@@ -14,6 +14,9 @@ MODULES = {
 }
 """Modules of each package, by their names inside it, and their stand-ins in gsfw.compat."""
 
+DECISIVE = {"simple_knn": "simple_knn._C", "gsplat": "gsplat.rendering"}
+"""The module of a package that every script needs, if the package itself is not enough: simple_knn
+is a folder without __init__.py, and versions of gsplat before 1.0 have no relocation."""
 IN_GSPLAT = (
     *((module, "rasterization", "gsplat") for module in ("gsplat", "gsplat.rendering")),
     *(
@@ -47,6 +50,9 @@ def replace_modules(always: bool, gpu: bool) -> Replacement:
         always: also where the original can be imported.
         gpu: there is one. Without it everything is replaced: some originals can be imported, and
             fail at the first image.
+
+    Raises:
+        ModuleNotFoundError: a module of the installed gsplat lacks another package.
     """
     kept = [] if always or not gpu else [name for name in MODULES if _importable(name)]
     replaced = [name for name in MODULES if name not in kept]
@@ -60,14 +66,12 @@ def replace_modules(always: bool, gpu: bool) -> Replacement:
 
 def _importable(name: str) -> bool:
     """True if the original is installed for this machine; CUDA extensions may not load."""
-    # simple_knn is a folder without __init__.py: the modules that scripts use decide.
-    used = [f"{name}.{inside}" for inside in MODULES[name] if inside] or [name]
     try:
-        found = [import_module(module) for module in used]
+        module = import_module(DECISIVE.get(name, name))
     except (ImportError, OSError):
         return False
     # A checkout's folder of submodules can pass for an empty package.
-    return all(getattr(module, "__file__", None) is not None for module in found)
+    return getattr(module, "__file__", None) is not None
 
 
 def _replace(name: str) -> None:
@@ -80,7 +84,8 @@ def _replace_in_gsplat() -> None:
     for place, name, here in IN_GSPLAT:
         try:
             module = import_module(place)
-        except ModuleNotFoundError:
-            # Versions before 1.0 have no relocation.
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "gsplat":
+                raise  # It is there, and lacks another package.
             continue
         setattr(module, name, getattr(import_module(f"gsfw.compat.{here}"), name))

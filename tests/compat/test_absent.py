@@ -1,6 +1,8 @@
 """Packages that a script only imports: --without PACKAGE."""
 
+import copy
 import sys
+from typing import get_type_hints
 
 import pytest
 
@@ -38,6 +40,28 @@ def test_a_call_and_a_derived_class_are_errors_with_the_name_and_the_remedy():
 
         class Mine(lpipsy.nets.Base):
             """A class of the script."""
+
+
+@pytest.mark.usefixtures("without_lpipsy")
+def test_its_names_can_be_annotations_and_copied_and_nothing_is_of_their_classes():
+    from lpipsy import Net
+
+    def measure(net: Net | None, layers: int | Net = 0) -> Net[int]: ...
+
+    assert get_type_hints(measure, {"Net": Net})["net"] is Net
+    assert not isinstance(measure, (int, Net))
+    assert not issubclass(int, Net)
+    assert isinstance(copy.deepcopy(Net), type(Net))
+    with pytest.raises(ConfigError, match=r"calls lpipsy\.Net, which"):
+        copy.copy(Net)()
+
+
+@pytest.mark.usefixtures("without_lpipsy")
+def test_a_loop_over_a_name_is_an_error_and_not_endless():
+    from lpipsy import LAYERS
+
+    with pytest.raises(ConfigError, match=r"iterates over lpipsy\.LAYERS, which"):
+        list(LAYERS)
 
 
 def test_a_package_that_gsfw_uses_cannot_be_left_out():

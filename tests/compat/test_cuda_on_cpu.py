@@ -55,6 +55,8 @@ def test_a_script_that_requires_a_gpu_is_told_of_one_only_where_it_is_claimed():
         weights = torch.nn.Linear(2, 2).cuda()
         weights(torch.ones(1, 2, device="cuda")).sum().backward()
         torch.optim.Adam(weights.parameters()).step()
+        with torch.autocast("cuda", dtype=torch.bfloat16):
+            assert torch.ones(2, device="cuda").sum() == 2
     assert not torch.cuda.is_available()
     assert torch.cuda.device_count() == 0
 

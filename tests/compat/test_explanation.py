@@ -1,3 +1,4 @@
+import runpy
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,22 @@ def test_an_error_about_a_missing_gpu_names_the_option():
     assert "--claim-gpu" in found.text
 
 
+def test_an_error_about_a_gpu_that_is_claimed_is_that_of_the_script():
+    assert explain(SCRIPT, RuntimeError("the CUDA device is too old"), claimed=True) is None
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU to use")
+def test_an_assertion_without_a_text_is_known_by_its_line(tmp_path):
+    script = tmp_path / "train.py"
+    script.write_text("import torch\n\nassert torch.cuda.is_available()\n")
+    with pytest.raises(AssertionError) as caught:
+        runpy.run_path(str(script))
+    found = explain(script, caught.value)
+    assert found is not None
+    assert "--claim-gpu" in found.text
+
+
 def test_other_errors_are_those_of_the_script():
     errors = ValueError("a"), RuntimeError("b"), AssertionError(), ImportError("c")
-    assert [explain(SCRIPT, error) for error in errors] == [None] * 4
+    errors += (ModuleNotFoundError("no backend of the script's own is there"),)
+    assert [explain(SCRIPT, error) for error in errors] == [None] * 5

@@ -51,6 +51,25 @@ def test_without_a_gpu_an_installed_gsplat_renders_here_and_keeps_the_rest(site,
     assert relocation.__module__ == "gsfw.compat.gsplat_relocation"
 
 
+def test_a_gsplat_without_relocation_is_kept_on_the_gpu_and_renders_here_without_one(site):
+    write_gsplat(site)
+    (site / "gsplat" / "relocation.py").unlink()
+    assert "gsplat" in replace_modules(always=False, gpu=True).kept
+    assert replace_modules(always=False, gpu=False).kept == ()
+    import gsplat
+
+    assert gsplat.STRATEGY == "the original"
+    assert gsplat.rasterization.__module__ == "gsfw.compat.gsplat"
+
+
+def test_a_package_that_the_strategies_of_gsplat_lack_is_named(site):
+    write_gsplat(site)
+    (site / "gsplat" / "strategy").mkdir()
+    (site / "gsplat" / "strategy" / "ops.py").write_text("import a_package_of_its_own\n")
+    with pytest.raises(ModuleNotFoundError, match="a_package_of_its_own"):
+        replace_modules(always=False, gpu=False)
+
+
 def test_simple_knn_is_found_by_its_extension_as_it_is_a_folder_without_init(site):
     (site / "simple_knn").mkdir()
     (site / "simple_knn" / "_C.py").write_text("distCUDA2 = 'the original'\n")
