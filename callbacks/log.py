@@ -16,6 +16,7 @@ from gsfw.core.files.atomic import readable_write_errors
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.requirements import Requirements
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shown_metrics
 
 logger = logging.getLogger("gsfw.run")
 
@@ -40,10 +41,12 @@ class Log(Callback):
         self._every = every
         self._handler: logging.Handler | None = None
         self._level = logging.NOTSET
+        self._protocol: Mapping[str, Any] = {}
         self._reports = 0
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the file; log the method and the scene."""
+        self._protocol = run.protocol
         path = RunFolder(run.folder).log
         with readable_write_errors(path):
             self._handler = _LogFile(path, encoding="utf-8")
@@ -73,7 +76,8 @@ class Log(Callback):
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Log the means."""
-        means = ", ".join(f"{name} {value:.4f}" for name, value in evaluation.means.items())
+        names = shown_metrics(evaluation.means, self._protocol)
+        means = ", ".join(f"{name} {evaluation.means[name]:.4f}" for name in names)
         count = f"{evaluation.count} " if means else ""
         logger.info("step %d: %sheld-out views: %s", step, count, means or "there are none")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import DetailOptions, RunOptions, read_options
@@ -78,8 +78,9 @@ def run(arguments: list[str]) -> int:
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
     files = _written(found.folder, path, document, evaluation, console)
     views = compared_views(evaluation.count, KINDS[options.split], document["protocol"])
-    _show_views(console, evaluation, f"{found.name}, step {restored.step}: {views}")
-    rows = _rows(evaluation, views)
+    shown = _shown(evaluation, document["protocol"])
+    _show_views(console, shown, f"{found.name}, step {restored.step}: {views}")
+    rows = _rows(shown, views)
     rows += [Row("files", ", ".join(map(str, files)))] if files else []
     rows += next_rows(found.name, ("view", "report", "render"))
     console.say("\n" + summary_text(f"{found.name} after {restored.step} steps", rows))
@@ -141,6 +142,17 @@ def _written(
         only = "" if files else " The figures are printed only; json=true prints all of them."
         console.warn(f"{error.message}{only}")
     return files
+
+
+def _shown(evaluation: Evaluation, protocol: Mapping[str, Any]) -> Evaluation:
+    """The evaluation with the metrics worth a row; the document has all of them."""
+    from gsfw.core.words import shown_metrics
+
+    def picked(figures: Mapping[str, float]) -> dict[str, float]:
+        return {name: figures[name] for name in shown_metrics(figures, protocol)}
+
+    per_view = tuple(map(picked, evaluation.per_view))
+    return replace(evaluation, per_view=per_view, means=picked(evaluation.means))
 
 
 def _show_views(console: Console, evaluation: Evaluation, title: str) -> None:

@@ -87,14 +87,15 @@ def test_slow_steps_between_logged_ones_are_told(tmp_path, capsys):
 
 
 def test_an_evaluation_of_a_sample_says_of_how_many_views(tmp_path, capsys):
-    sample = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0}, held_out=200)
+    figures = {"psnr": 30.0, "color_corrected_psnr": 31.0}  # The latter: not without exposures.
+    sample = Evaluation(("v0",), (figures,), 1.0, figures, held_out=200)
     for callback in (Progress(10.0), Log(10), Results()):
         callback.on_start(run_info(tmp_path), Control())
         callback.on_evaluation(10, sample, Control())
         callback.close()
     assert "step 10: PSNR 30.00 dB on 1 of 200 held-out views" in capsys.readouterr().err
     folder = RunFolder(tmp_path)
-    assert "step 10: 1 of 200 held-out views: psnr" in folder.log.read_text()
+    assert "step 10: 1 of 200 held-out views: psnr 30.0000\n" in folder.log.read_text()
     written = json.loads((folder.evaluations / "step_000000010.json").read_text())
     assert written["protocol"]["sample"] == "1 of 200 held-out views, evenly spread"
 

@@ -7,7 +7,7 @@ import shutil
 import pytest
 import torch
 
-from gsfw.commands.eval import _rows, _show_views, natural
+from gsfw.commands.eval import _rows, _show_views, _shown, natural
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.loop.evaluation import Evaluation
@@ -27,6 +27,7 @@ def test_eval_repeats_the_figures_the_run_ended_with(run, capsys):
     assert document["psnr"] == summary["psnr"]
     assert document["ssim"] == summary["ssim"]
     assert document["protocol"] == summary["protocol"]
+    assert document["color_corrected_psnr"] == summary["color_corrected_psnr"]
     assert [view["name"] for view in document["per_view"]] == ["eval_000", "eval_001"]
     written = RunFolder(run).evaluations / "step_000000020.json"
     assert json.loads(written.read_text())["psnr"] == summary["psnr"]
@@ -107,3 +108,14 @@ def test_the_summary_ends_with_the_file_and_the_next_commands(run, capsys):
     assert re.search(rf"mean of {views}; one colour has ".replace(" ", r"\s+"), out)
     assert re.search(rf"\n  files +{run}/eval/step_000000020.json\n  next +gsfw ", out)
     assert f"gsfw render {run}\n" in out
+    assert "corrected" not in out
+
+
+def test_colour_corrected_figures_are_shown_of_runs_that_learnt_exposures(capsys):
+    figures = {"psnr": 20.0, "color_corrected_psnr": 21.5}
+    whole = Evaluation(("a",), (figures,), 1.0, figures)
+    for protocol, is_there in (({}, False), ({"exposure": "learnt"}, True)):
+        shown = _shown(whole, protocol)
+        _show_views(Console(), shown, "title")
+        assert ("21.5000" in capsys.readouterr().out) == is_there
+        assert ("21.50 dB" in [row.value for row in _rows(shown, "1 view")]) == is_there
