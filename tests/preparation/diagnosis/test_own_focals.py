@@ -7,6 +7,7 @@ import pycolmap
 import pytest
 from support.checked_captures import looking_at
 
+from gsfw.preparation.diagnosis import own_focals as module
 from gsfw.preparation.diagnosis.own_focals import own_focals
 
 FOCAL, WIDTH, HEIGHT = 400.0, 640, 480
@@ -93,3 +94,39 @@ def test_places_that_a_lens_cannot_have_shown_do_not_count() -> None:
 
 def test_cameras_of_single_images_have_their_own_already() -> None:
     assert own_focals(model_of({3: 700.0}, own=True)) == {}
+
+
+def test_thinned_points_leave_each_image_enough_to_tell_its_focal_length(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # 10 points for each image would give 4 of 8 another focal length.
+    monkeypatch.setattr(module, "MOST_OBSERVATIONS", 80)
+    assert own_focals(model_of({}, thickness=0.1)) == {}
+    assert list(own_focals(model_of({3: 700.0, 6: 700.0}))) == ["3.jpg", "6.jpg"]
+
+
+def test_an_image_that_sees_few_points_has_no_other_focal_length() -> None:
+    model = model_of({})
+    for place in (*range(40), *range(44, len(model.points3D))):
+        model.delete_observation(4, place)
+    assert model.image(4).num_points3D == 4
+    assert own_focals(model) == {}
+
+
+def test_points_behind_a_camera_are_no_error_that_another_focal_length_explains() -> None:
+    # Noise is most of the error of the first image.
+    model, generator = model_of({1: 500.0}), np.random.default_rng(1)
+    for feature in model.image(1).points2D:
+        feature.xy += generator.normal(0, 4, 2)
+    assert own_focals(model) == {}
+    behind = 1.1 * model.image(1).projection_center()
+    for place in range(10):
+        point = model.point3D(place + 1)
+        point.xyz = behind + np.array([0, 0, 0.02 * place])
+        for number in range(2, VIEWS + 1):
+            local = model.image(number).cam_from_world() * point.xyz
+            if local[2] > 0:
+                model.image(number).points2D[place].xy = model.camera(1).img_from_cam(local)
+            else:
+                model.delete_observation(number, place)
+    assert own_focals(model) == {}
