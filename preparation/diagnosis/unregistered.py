@@ -237,7 +237,7 @@ class Inquiry:
 
     @property
     def _needed(self) -> float:
-        return max(FEW, FEW_SHARE * self.usual.count)
+        return max(float(FEW), FEW_SHARE * self.usual.count)
 
     def _more_features(self, name: str) -> str:
         header = self.images.by_name[name].header

@@ -1,4 +1,4 @@
-"""Captures that were made to fail, from files to findings, and what is found in figures alone."""
+"""Captures that were made to fail, from files to findings, and the words of figures."""
 
 import io
 from collections.abc import Mapping
@@ -11,30 +11,14 @@ import torch
 from PIL import Image
 from scipy import ndimage
 from support.captured import arc, photos
+from support.model_figures import figures
 
 from gsfw.core.files.json_text import json_text
 from gsfw.core.maths.camera_path import look_at
-from gsfw.datamanagers.images import Header
-from gsfw.preparation.camera_grouping import CameraGroup, CameraRule, group_cameras
-from gsfw.preparation.diagnosis.camera_findings import camera_findings, focal_findings
+from gsfw.preparation.camera_grouping import CameraRule, group_cameras
 from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose, words_of
-from gsfw.preparation.diagnosis.evidence import Evidence
-from gsfw.preparation.diagnosis.link import Link
-from gsfw.preparation.diagnosis.match_graph import MatchGraph
-from gsfw.preparation.diagnosis.model_figures import (
-    BaselineFigures,
-    CameraFigures,
-    ModelFigures,
-    TrackFigures,
-)
-from gsfw.preparation.diagnosis.registration_findings import registration_findings
-from gsfw.preparation.diagnosis.residuals import Stretch
-from gsfw.preparation.diagnosis.view_findings import view_findings
-from gsfw.preparation.exif import Exif
-from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
-from gsfw.preparation.finding import Finding, Verdict, Weight
-from gsfw.preparation.image_quality import ImageQuality
-from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage
+from gsfw.preparation.features import FeatureSettings, extract_features
+from gsfw.preparation.finding import Verdict, Weight
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.matching import match_pairs
@@ -45,7 +29,6 @@ from gsfw.preparation.source import read_source
 pytestmark = pytest.mark.slow
 
 Pixels = np.ndarray
-SHARP = ImageQuality(0.01, 0.5, 0.2, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -237,36 +220,6 @@ def test_turning_on_the_spot_gives_no_model_that_counts(tmp_path):
     assert diagnosis.verdict is Verdict.WILL_NOT_TRAIN
 
 
-def figures(**changes: object) -> ModelFigures:
-    camera = CameraFigures(
-        number=1,
-        model="SIMPLE_RADIAL",
-        width=1000,
-        height=800,
-        images=50,
-        focal=900.0,
-        first_focal=950.0,
-        focal_origin="EXIF",
-        view_degrees=58.0,
-        principal_point=(500.0, 400.0),
-        distortion={"k": 0.05},
-    )
-    usual = ModelFigures(
-        registered=50,
-        points=10_000,
-        observations=60_000,
-        error=0.7,
-        errors={f"{number}.jpg": 0.7 for number in range(50)},
-        seen={f"{number}.jpg": 1200 for number in range(50)},
-        tracks=TrackFigures(6.0, 0.2, 15.0, 5.0, 0.0, 0.1),
-        baselines=BaselineFigures(2.0, 0.1, 6.0, 60.0, 3.0),
-        cameras=(camera,),
-        stretch=Stretch(0.1, 1.0, 0.5, 1000),
-        own_focals={},
-    )
-    return replace(usual, **changes)
-
-
 def test_the_field_of_view_names_its_side() -> None:
     (sentence,) = (text for text in words_of(figures(), 50) if text.startswith("Camera 1 "))
     assert "900 pixels, a field of view of 58.0 degrees across the width; EXIF says" in sentence
@@ -281,175 +234,3 @@ def test_many_cameras_share_a_sentence() -> None:
         "6 cameras have focal lengths of 900 to 905 pixels; prepare.json lists them."
     )
     assert not any(text.startswith("Camera ") for text in sentences)
-
-
-def found_in(model: ModelFigures) -> list[Finding]:
-    header, exif = Header(1000, 800, False), Exif(make="Acme", model="One", focal_mm=4.2)
-    images = tuple(SourceImage(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
-    groups = tuple(
-        CameraGroup(number, "SIMPLE_RADIAL", 1000, 800, 950.0, "EXIF", (f"{number}.jpg",))
-        for number in (1, 2)
-    )
-    graph = MatchGraph(("1.jpg", "2.jpg"), ())
-    evidence = Evidence(ImageSet(images), groups, {}, graph, (), model)
-    return [*focal_findings(evidence), *camera_findings(evidence)]
-
-
-def test_a_usual_model_has_no_findings():
-    assert found_in(figures()) == []
-
-
-def test_a_model_without_points_is_hollow():
-    (finding,) = found_in(figures(points=1, registered=3))
-    assert finding.weight is Weight.STOP
-    assert finding.found == "The cameras of 3 images rest on 1 point."
-
-
-def test_large_errors_and_the_images_that_have_them_are_told():
-    errors = {"a.jpg": 0.7, "b.jpg": 0.7, "c.jpg": 0.8, "d.jpg": 2.5, "e.jpg": 3.0}
-    all_of_it, some = found_in(figures(error=2.1, errors=errors, registered=5))
-    assert all_of_it.found.startswith("Points are 2.1 pixels from where images show them (mean)")
-    assert [all_of_it.kind, some.kind] == ["reprojection error", "images that fit badly"]
-    (some,) = found_in(figures(errors={**errors, "e.jpg": 0.6}, registered=5))
-    assert some.found == ("1 of 5 images are 1.5 pixels or more off where 0.7 are usual: d.jpg.")
-
-
-def test_short_tracks_are_told():
-    tracks = TrackFigures(2.3, 0.8, 15.0, 5.0, 0.0, 0.1)
-    (finding,) = found_in(figures(tracks=tracks))
-    assert (
-        finding.found == "A point is seen by 2.3 images (mean), and 80 % of the points by two only."
-    )
-
-
-def test_images_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter():
-    (finding,) = found_in(figures(stretch=Stretch(0.8, 30.0, 0.5, 1000)))
-    assert finding.kind == "rolling shutter"
-    assert finding.found == (
-        "Images are stretched by 0.8 pixels at their edges (median), each in another way, 30 "
-        "times what noise explains."
-    )
-    assert "Things that move in the scene have the same effect." in finding.why
-
-
-def test_images_of_another_focal_length_are_named_and_are_no_rolling_shutter():
-    errors = {**figures().errors, "9.jpg": 3.0}
-    stretch = Stretch(0.8, 30.0, 0.5, 1000)
-    zoomed = figures(own_focals={"9.jpg": 1500.0, "3.jpg": 1512.0}, errors=errors, stretch=stretch)
-    (finding,) = found_in(zoomed)
-    assert finding.kind == "several focal lengths"
-    assert finding.found == (
-        "2 of 50 images fit far better with a focal length of 1500 to 1512 pixels than with the "
-        "one computed for all of a camera (900): 9.jpg, 3.jpg."
-    )
-    assert "cameras=per-image" in finding.advice
-
-
-def test_missing_images_beside_several_focal_lengths_have_their_remedy():
-    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
-    models = (frozenset("ab"),)
-    zoomed = figures(own_focals={"b": 1500.0})
-    header = Header(1000, 800, False)
-    images = ImageSet(tuple(SourceImage(name, Path(name), header, Exif()) for name in "abc"))
-    evidence = Evidence(images, (), features, MatchGraph(tuple("abc"), ()), models, zoomed)
-    (finding,) = registration_findings(evidence)
-    assert finding.advice.startswith("Compute the cameras again with a focal length for each")
-
-
-def test_focal_lengths_are_compared_with_what_was_said():
-    camera = figures().cameras[0]
-    (finding,) = found_in(figures(cameras=(replace(camera, first_focal=700.0),)))
-    assert finding.kind == "focal length unlike EXIF"
-    assert finding.found == (
-        "Camera 1 (50 images) has a focal length of 900 pixels, where EXIF says 700."
-    )
-    given = replace(camera, first_focal=700.0, focal_origin="given")
-    assert found_in(figures(cameras=(given,)))[0].kind == "focal length unlike the given one"
-    guessed = replace(camera, first_focal=1200.0, focal_origin="")
-    assert found_in(figures(cameras=(guessed,))) == []
-
-
-def test_parallel_views_do_not_tell_a_focal_length():
-    usual = figures()
-    baselines = replace(usual.baselines, view_spread=2.9)
-    unknown = replace(usual.cameras[0], focal_origin="")
-    flight = replace(usual, baselines=baselines, cameras=(unknown,))
-    (finding,) = found_in(flight)
-    assert finding.kind == "parallel views"
-    assert finding.found == (
-        "All 50 views have one direction, within 2.9 degrees, and the focal length was computed "
-        "from them."
-    )
-    given = replace(usual.cameras[0], first_focal=900.0, focal_origin="given")
-    assert found_in(replace(flight, cameras=(given,))) == []
-    confirmed = replace(given, first_focal=880.0, focal_origin="EXIF")
-    assert found_in(replace(flight, cameras=(confirmed,))) == []
-
-
-def test_one_lens_has_one_focal_length():
-    camera = figures().cameras[0]
-    other = replace(camera, number=2, width=800, height=1000, focal=1080.0)
-    (finding,) = found_in(figures(cameras=(camera, other)))
-    assert finding.found == (
-        "Images of one camera and lens have different focal lengths: 900 pixels for 1000x800, "
-        "1080 pixels for 800x1000."
-    )
-    assert found_in(figures(cameras=(camera, replace(other, focal=930.0)))) == []
-
-
-def test_distortion_that_no_lens_has_is_told():
-    bent = replace(figures().cameras[0], distortion={"k": -1.2})
-    (finding,) = found_in(figures(cameras=(bent,)))
-    assert finding.found == (
-        "Camera 1 (50 images) moves the corners of its images by 61 % inwards."
-    )
-    fisheye = replace(bent, model="OPENCV_FISHEYE")
-    assert found_in(figures(cameras=(fisheye,))) == []
-
-
-def test_a_wall_and_a_watermark_are_told():
-    links = tuple(Link(a, b, 90, 80, 0.2, flat=True) for a, b in ("ab", "bc", "ac"))
-    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
-    graph = MatchGraph(tuple("abc"), links, 0.3)
-    flat, still = view_findings(Evidence(ImageSet(()), (), features, graph, (), None))
-    assert (flat.kind, still.kind) == ("flat scene", "something stands still")
-    assert flat.found == "In 100 % of 3 pairs of images all matches lie in one plane."
-    assert still.found == (
-        "30 % of the matches of two images stay in place while the view moves (median)."
-    )
-
-
-@pytest.mark.parametrize(
-    ("spread", "origin", "found"), [(8.0, "", ["flat scene"]), (40.0, "", []), (8.0, "EXIF", [])]
-)
-def test_tilted_views_of_a_wall_and_exif_tell_the_focal_length(spread, origin, found):
-    links = tuple(Link(a, b, 90, 80, 0.2, flat=True) for a, b in ("ab", "bc", "ac"))
-    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
-    camera = replace(figures().cameras[0], focal_origin=origin)
-    baselines = replace(figures().baselines, view_spread=spread)
-    model = figures(baselines=baselines, cameras=(camera,))
-    models = (frozenset("abc"),)
-    evidence = Evidence(ImageSet(()), (), features, MatchGraph(tuple("abc"), links), models, model)
-    assert [finding.kind for finding in view_findings(evidence)] == found
-
-
-def test_files_that_need_nothing_to_be_done_are_a_note():
-    left_out = (LeftOut("a.jpg", "it is the same file as b.jpg"),)
-    evidence = Evidence(ImageSet((), left_out), (), {}, MatchGraph(("b.jpg",), ()), (), None)
-    placed = replace(evidence, models=(frozenset({"b.jpg"}),))
-    (finding,) = registration_findings(placed)
-    assert finding.weight is Weight.NOTE
-    assert finding.found == ("1 of 2 files are not used: a.jpg: it is the same file as b.jpg.")
-    assert finding.advice == "Nothing needs to be done."
-
-
-def test_each_remedy_names_the_files_that_it_is_for():
-    left_out = (
-        LeftOut("a.heic", "HEIC files are not read", "Convert them."),
-        LeftOut("b.jpg", "the file is empty (0 bytes)", "Copy it again from the camera."),
-        LeftOut("c.heic", "HEIC files are not read", "Convert them."),
-        LeftOut("d.jpg", "it is the same file as b.jpg"),
-    )
-    evidence = Evidence(ImageSet((), left_out), (), {}, MatchGraph(("e.jpg",), ()), (), None)
-    (finding,) = registration_findings(replace(evidence, models=(frozenset({"e.jpg"}),)))
-    assert finding.advice == ("a.heic, c.heic: Convert them. b.jpg: Copy it again from the camera.")
