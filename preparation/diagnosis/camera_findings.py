@@ -6,7 +6,7 @@ Angles of view, baselines and points of the written data set are judged by ``gsf
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -56,19 +56,26 @@ def focal_findings(evidence: Evidence) -> Iterator[Finding]:
     if figures is None or not figures.own_focals:
         return
     own = figures.own_focals
-    shared = " and ".join(f"{camera.focal:.0f}" for camera in figures.cameras)
-    low, high = f"{min(own.values()):.0f}", f"{max(own.values()):.0f}"
+    members = {name: group.number for group in evidence.groups for name in group.images}
+    cameras = {members[name] for name in own}
+    shared = [camera.focal for camera in figures.cameras if camera.number in cameras]
+    fit, their = ("fits", "its") if len(own) == 1 else ("fit", "their")
     yield Finding(
         "several focal lengths",
         Weight.LIMIT,
-        f"{len(own)} of {figures.registered} images fit far better with a focal length of "
-        f"{low if low == high else f'{low} to {high}'} pixels than with the one computed for all "
-        f"of a camera ({shared}): {listed(tuple(own))}.",
+        f"{len(own)} of {figures.registered} images {fit} far better with a focal length of "
+        f"{_range(own.values())} pixels than with that of {their} camera ({_range(shared)}): "
+        f"{listed(tuple(own))}.",
         "The lens was zoomed or exchanged, and that was computed as a movement of the camera: "
         "poses are wrong, and images may be missing.",
         PER_IMAGE,
         tuple(own),
     )
+
+
+def _range(focals: Collection[float]) -> str:
+    low, high = f"{min(focals):.0f}", f"{max(focals):.0f}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _hollow(figures: ModelFigures) -> Finding:

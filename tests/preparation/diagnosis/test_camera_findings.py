@@ -16,15 +16,19 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_set import ImageSet, SourceImage
 
+CAMERAS = 60
+
 
 def found_in(model: ModelFigures) -> list[Finding]:
     header, exif = Header(1000, 800, False), Exif(make="Acme", model="One", focal_mm=4.2)
-    images = tuple(SourceImage(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
+    members = {number: (f"{number}.jpg", f"{number}b.jpg") for number in range(1, CAMERAS + 1)}
     groups = tuple(
-        CameraGroup(number, "SIMPLE_RADIAL", 1000, 800, 950.0, "EXIF", (f"{number}.jpg",))
-        for number in (1, 2)
+        CameraGroup(number, "SIMPLE_RADIAL", 1000, 800, 950.0, "EXIF", names)
+        for number, names in members.items()
     )
-    graph = MatchGraph(("1.jpg", "2.jpg"), ())
+    names = tuple(name for group in groups for name in group.images)
+    images = tuple(SourceImage(name, Path(name), header, exif) for name in names)
+    graph = MatchGraph(names, ())
     evidence = Evidence(ImageSet(images), groups, {}, graph, (), model)
     return [*focal_findings(evidence), *camera_findings(evidence)]
 
@@ -67,16 +71,30 @@ def test_images_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter
 
 
 def test_images_of_another_focal_length_are_named_and_are_no_rolling_shutter():
-    errors = {**figures().errors, "9.jpg": 3.0}
+    errors = {**figures().errors, "1.jpg": 3.0}
     stretch = Stretch(0.8, 30.0, 0.5, 1000)
-    zoomed = figures(own_focals={"9.jpg": 1500.0, "3.jpg": 1512.0}, errors=errors, stretch=stretch)
+    zoomed = figures(own_focals={"1.jpg": 1500.0, "1b.jpg": 1512.0}, errors=errors, stretch=stretch)
     (finding,) = found_in(zoomed)
     assert finding.kind == "several focal lengths"
     assert finding.found == (
-        "2 of 50 images fit far better with a focal length of 1500 to 1512 pixels than with the "
-        "one computed for all of a camera (900): 9.jpg, 3.jpg."
+        "2 of 50 images fit far better with a focal length of 1500 to 1512 pixels than with that "
+        "of their camera (900): 1.jpg, 1b.jpg."
     )
     assert "cameras=per-image" in finding.advice
+
+
+def test_only_cameras_of_images_of_another_focal_length_are_named():
+    cameras = tuple(
+        replace(figures().cameras[0], number=number, focal=899.0 + number)
+        for number in range(1, CAMERAS + 1)
+    )
+    (one,) = found_in(figures(own_focals={"2.jpg": 1500.0}, cameras=cameras))
+    assert one.found == (
+        "1 of 50 images fits far better with a focal length of 1500 pixels than with that of its "
+        "camera (901): 2.jpg."
+    )
+    (two,) = found_in(figures(own_focals={"1.jpg": 1500.0, "2.jpg": 1500.0}, cameras=cameras))
+    assert "than with that of their camera (900 to 901): 1.jpg, 2.jpg." in two.found
 
 
 def test_focal_lengths_are_compared_with_what_was_said():
