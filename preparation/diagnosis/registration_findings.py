@@ -9,6 +9,7 @@ from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
 from gsfw.preparation.diagnosis.repetition import ONCE
+from gsfw.preparation.diagnosis.unregistered import MATCH_REASONS
 from gsfw.preparation.finding import Finding, Weight, listed, remedies
 
 MOST = 0.9
@@ -63,7 +64,11 @@ def _unplaced(evidence: Evidence) -> Finding:
     if placed < HALF * given and placed < ENOUGH:
         weight = Weight.STOP
     reasons = Counter(item.reason for item in missed).most_common(SHOWN)
-    first = {item.reason: item.advice for item in reversed(missed)}
+    cause = _remedy_of_cause(evidence)
+    first = {
+        item.reason: cause if cause and item.reason in MATCH_REASONS else item.advice
+        for item in reversed(missed)
+    }
     advice = " ".join(remedies((reason, first[reason]) for reason, _ in reasons))
     return Finding(
         "images not placed",
@@ -72,13 +77,13 @@ def _unplaced(evidence: Evidence) -> Finding:
         "What only the others show will be missing."
         if weight is not Weight.STOP
         else "What is left is too small a part of what was photographed.",
-        _remedy_of_cause(evidence) or advice,
+        advice,
         tuple(item.name for item in missed),
     )
 
 
 def _remedy_of_cause(evidence: Evidence) -> str:
-    """Remedy for what keeps images from being placed that match well; empty if nothing known."""
+    """Remedy for a known cause of too few or of wrong matches, else empty."""
     if evidence.has_own_focals:
         return PER_IMAGE
     return ONCE if evidence.graph.is_repetitive else ""
@@ -102,14 +107,17 @@ def _groups(evidence: Evidence) -> Iterator[Finding]:
         return
     apart = [name for component in components[1:] for name in component.images]
     sizes = _and([len(component.images) for component in components])
-    more = f"; {len(bridges) - SHOWN} more are in the report" if len(bridges) > SHOWN else ""
-    advice = "; ".join(bridge.advice for bridge in bridges[:SHOWN]) + more
+    steps = [bridge.advice for bridge in bridges[:SHOWN]]
+    if len(bridges) > SHOWN:
+        steps.append(f"{len(bridges) - SHOWN} more are in the report")
+    # Photos in between remove no other cause.
+    advice = _remedy_of_cause(evidence) or _sentence(steps)
     yield Finding(
         "separate groups",
         Weight.NOTE if len(apart) < MANY * evidence.given else Weight.LIMIT,
         f"The images fall into {len(components)} groups, of {sizes}, that hardly a match joins.",
         "Their relative position is unknown, so that only one of them is kept.",
-        f"{advice[0].upper()}{advice[1:]}; if they show different things, prepare each by itself.",
+        f"{advice} If the groups show different things, prepare each by itself.",
         tuple(apart),
     )
 
@@ -128,10 +136,8 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
         ):
             weak.append((model, evidence.graph.bridge(ours, theirs)))
         reached.append(model)
-    # Photos in between remove no other cause.
     if weak and not _remedy_of_cause(evidence):
         sizes = _and([len(model) for model, _ in weak])
-        advice = "; ".join(bridge.advice for _, bridge in weak[:SHOWN])
         yield Finding(
             "separate models",
             Weight.LIMIT,
@@ -139,8 +145,13 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
             f"{'' if len(weak) == 1 else 's'}, of {sizes} images, with too few matches to be "
             "joined to others.",
             "Only the largest model is kept.",
-            f"{advice[0].upper()}{advice[1:]}.",
+            _sentence([bridge.advice for _, bridge in weak[:SHOWN]]),
         )
+
+
+def _sentence(clauses: list[str]) -> str:
+    joined = "; ".join(clauses)
+    return f"{joined[0].upper()}{joined[1:]}."
 
 
 def _and(numbers: list[int]) -> str:

@@ -66,6 +66,10 @@ Reason = Literal[
     "matched, but not placed",
 ]
 """The reason why an image was not placed; causes before effects."""
+MATCH_REASONS: frozenset[Reason] = frozenset(
+    ("few matches", "matched only within its group", "matched, but not placed")
+)
+"""Reasons that a fault of the whole capture may cause, such as texture that repeats itself."""
 
 
 @dataclass(frozen=True)

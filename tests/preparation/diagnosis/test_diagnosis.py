@@ -168,7 +168,7 @@ def test_two_groups_that_show_different_things_are_told_with_a_bridge(tmp_path, 
     finding = next(one for one in diagnosis.findings if one.kind == "separate groups")
     assert finding.found == "The images fall into 2 groups, of 4 and 3, that hardly a match joins."
     assert finding.advice.startswith("Take photos between ")
-    assert finding.advice.endswith("; if they show different things, prepare each by itself.")
+    assert finding.advice.endswith(". If the groups show different things, prepare each by itself.")
     assert finding.images == ("4.png", "5.png", "6.png")
 
 

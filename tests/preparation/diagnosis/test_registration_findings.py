@@ -7,26 +7,57 @@ from support.model_figures import figures
 
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.diagnosis.evidence import Evidence
+from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
+from gsfw.preparation.diagnosis.model_figures import ModelFigures
+from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
 from gsfw.preparation.diagnosis.registration_findings import registration_findings
+from gsfw.preparation.diagnosis.repetition import ONCE
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport
-from gsfw.preparation.finding import Weight
+from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage
 
 SHARP = ImageQuality(0.01, 0.5, 0.2, 0.0)
 
 
-def test_missing_images_beside_several_focal_lengths_have_their_remedy():
-    features = {name: FeatureReport(500, SHARP, 0.0, 1.0) for name in "abc"}
-    models = (frozenset("ab"),)
-    zoomed = figures(own_focals={"b": 1500.0})
+def missing(graph: MatchGraph, model: ModelFigures, **features: FeatureReport) -> list[Finding]:
+    """Findings where the first two images of a graph are placed.
+
+    Args:
+        graph: of all images.
+        model: figures of the placed ones.
+        features: of images that have others than usual ones.
+    """
+    usual = FeatureReport(500, SHARP, 0.0, 1.0)
     header = Header(1000, 800, False)
-    images = ImageSet(tuple(SourceImage(name, Path(name), header, Exif()) for name in "abc"))
-    evidence = Evidence(images, (), features, MatchGraph(tuple("abc"), ()), models, zoomed)
-    (finding,) = registration_findings(evidence)
+    images = ImageSet(tuple(SourceImage(name, Path(name), header, Exif()) for name in graph.names))
+    reports = {name: features.get(name, usual) for name in graph.names}
+    models = (frozenset(graph.names[:2]),)
+    return list(registration_findings(Evidence(images, (), reports, graph, models, model)))
+
+
+def test_missing_images_beside_several_focal_lengths_have_their_remedy():
+    zoomed = figures(own_focals={"b": 1500.0})
+    (finding,) = missing(MatchGraph(tuple("abc"), ()), zoomed)
     assert finding.advice.startswith("Compute the cameras again with a focal length for each")
+    blurred = FeatureReport(500, ImageQuality(1e-5, 0.5, 0.2, 0.0), 0.0, 1.0)
+    (finding,) = missing(MatchGraph(tuple("abc"), ()), zoomed, c=blurred)
+    assert finding.advice == "Take such photos again in focus."
+    (finding,) = missing(MatchGraph(tuple("abcd"), ()), zoomed, c=blurred)
+    assert finding.advice == (f"blurred: Take such photos again in focus. few matches: {PER_IMAGE}")
+
+
+def test_photos_in_between_are_no_remedy_for_groups_of_repeated_texture():
+    links = tuple(Link(first, second, 90, 80, 0.2) for first, second in ("ab", "cd"))
+    graph = MatchGraph(tuple("abcd"), links)
+    missed, groups = missing(graph, figures())
+    assert missed.advice == "Take photos between b and c (nearest to each other by name)."
+    last = " If the groups show different things, prepare each by itself."
+    assert (groups.kind, groups.advice) == ("separate groups", missed.advice + last)
+    missed, groups = missing(replace(graph, repeated=0.9), figures())
+    assert (missed.advice, groups.advice) == (ONCE, ONCE + last)
 
 
 def test_files_that_need_nothing_to_be_done_are_a_note():
