@@ -16,7 +16,7 @@ BLURRED = 0.3
 al. 2000): the least sharp image of the shared sets has 0.38, and a blur of 1.5 pixels takes
 0.1."""
 SOFT_EDGES = 0.7
-"""Blurred images also have less than this part of the usual sharpness of edges: single photos of
+"""Blurred images also have at most this part of the usual sharpness of edges: single photos of
 fox and plush have 0.8 and more, 0.43 to 0.61 after a blur of 1 pixel, and at most 0.5 after a
 motion of 5. Sharp images through a longer lens have less fine detail, and 0.8 and more of this."""
 STRONG = 0.02
