@@ -360,23 +360,24 @@ class Inquiry:
     def _rest(self, name: str) -> Unregistered:
         """Matched, and yet without a place."""
         best = self.graph.best(name, self.placed) or self.graph.best(name)
-        partner = "It matches other images"
+        found = "It matches other images"
         if best is not None:
-            partner = f"It has {best.verified} verified matches with {best.other(name)}"
+            found = f"It has {best.verified} verified matches with {best.other(name)}"
         advice = (
-            "Take more photos of the same things, from places around; avoid what moves, shines or "
+            "take more photos of the same things, from places around; avoid what moves, shines or "
             "repeats itself."
         )
         if self.graph.has_overlay:
             why = "but many matches stay in place while the view moves"
-            advice = "Crop or mask what is in the same place in all images."
+            advice = "crop or mask what is in the same place in all images."
         elif not self.placed:
             why = "but no model of more than a few points came of it"
             if self.assumes_one_focal and best is not None and best.verified >= MATCHED:
-                advice = f"If the lens was zoomed or exchanged: {PER_IMAGE} If not: {advice}"
+                zoomed = f"{PER_IMAGE[0].lower()}{PER_IMAGE[1:]}"
+                advice = f"if the lens was zoomed or exchanged, {zoomed} If not, {advice}"
         else:
             why = "but too few of them are on points that the model has"
-        return self._because(name, "matched, but not placed", f"{partner}, {why}.", advice)
+        return self._because(name, "matched, but not placed", f"{found}, {why}.", _capital(advice))
 
     def _count(self, name: str) -> str:
         count = self.features[name].count

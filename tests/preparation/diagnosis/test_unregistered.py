@@ -179,7 +179,8 @@ def test_images_that_match_well_without_a_model_may_have_several_focal_lengths()
     links = [Link(name, "x", 900, 640, 0.2) for name in "ab"]
     shared = why(report(), *links, placed=(), one_focal=True)
     assert shared.reason == "matched, but not placed"
-    assert shared.advice.startswith("If the lens was zoomed or exchanged: Compute the cameras ")
+    assert shared.advice.startswith("If the lens was zoomed or exchanged, compute the cameras ")
+    assert " If not, take more photos of the same things" in shared.advice
     assert "cameras=per-image" not in why(report(), *links, placed=()).advice
 
 
