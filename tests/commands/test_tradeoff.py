@@ -23,6 +23,7 @@ FIGURES = {
     "name": str,
     "psnr": float,
     "ssim": float,
+    "color_corrected_psnr": float,
     "flip": float,
     "psnr_lost": float,
     "psnr_lost_error": float,
