@@ -130,6 +130,10 @@ def _true(*_: object, **__: object) -> bool:
     return True
 
 
+def _false(*_: object, **__: object) -> bool:
+    return False
+
+
 def _one() -> int:
     return 1
 
@@ -242,5 +246,7 @@ CLAIMS: tuple[tuple[Any, str, Any], ...] = (
     (torch.cuda, "is_available", _true),
     (torch.cuda, "device_count", _one),
     (torch.cuda, "is_bf16_supported", _true),
+    # Optimizers ask, if there is a GPU; a torch with CUDA would ask the driver.
+    (torch.cuda, "is_current_stream_capturing", _false),
 )
 """Functions that scripts ask for a GPU."""
