@@ -46,6 +46,7 @@ class VideoTraits:
     def of(stream: Any, frame: Any) -> VideoTraits:  # noqa: ANN401
         """The traits of a stream and its first image, which PyAV gives."""
         mirrored, turns = _display(frame)
+        ratio = stream.sample_aspect_ratio  # A number of its own from PyAV 19 on; 0: not stated.
         tilt = abs(frame.rotation - 90 * round(frame.rotation / 90))
         return VideoTraits(
             width=frame.width,
@@ -53,7 +54,7 @@ class VideoTraits:
             mirrored=mirrored,
             turns=turns,
             tilt=tilt if tilt > 1 else 0,  # PyAV cuts off parts of a degree.
-            aspect=stream.sample_aspect_ratio or Fraction(1),
+            aspect=Fraction(ratio.numerator, ratio.denominator) if ratio else Fraction(1),
             transfer=stream.codec_context.color_trc,
             primaries=stream.codec_context.color_primaries,
             interlaced=frame.interlaced_frame,
