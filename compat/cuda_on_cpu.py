@@ -246,7 +246,8 @@ CLAIMS: tuple[tuple[Any, str, Any], ...] = (
     (torch.cuda, "is_available", _true),
     (torch.cuda, "device_count", _one),
     (torch.cuda, "is_bf16_supported", _true),
-    # Optimizers ask, if there is a GPU; a torch with CUDA would ask the driver.
+    # Optimizers ask whether a GPU records them; a torch with CUDA would ask the driver.
     (torch.cuda, "is_current_stream_capturing", _false),
+    (torch.accelerator, "current_accelerator", _nothing),
 )
 """Functions that scripts ask for a GPU."""

@@ -52,6 +52,7 @@ def test_a_script_that_requires_a_gpu_is_told_of_one_only_where_it_is_claimed():
         assert torch.cuda.is_available()
         assert torch.cuda.device_count() == 1
         assert not torch.cuda.is_current_stream_capturing()
+        assert torch.accelerator.current_accelerator() is None
         torch.manual_seed(3)
         weights = torch.nn.Linear(2, 2).cuda()
         weights(torch.ones(1, 2, device="cuda")).sum().backward()
