@@ -21,7 +21,7 @@ from jaxtyping import UInt8
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.images import Header
-from gsfw.datamanagers.video_traits import VideoTraits
+from gsfw.datamanagers.video_traits import VideoTraits, conversion
 
 UNEVEN = 0.5
 """An interval that differs from the median by more than this part of it: an image is missing."""
@@ -136,7 +136,9 @@ class Video:
             DataError: one of them does not decode.
         """
         for number, frame in self._frames(numbers):
-            yield number, self._upright(self.traits.colors(frame), self.box)
+            with conversion(self.path, frame):
+                pixels = self.traits.colors(frame)
+            yield number, self._upright(pixels, self.box)
 
     def greys(
         self, numbers: Sequence[int], longest: int
@@ -157,8 +159,9 @@ class Video:
             box = left, top, right, bottom
         for number, frame in self._frames(numbers):
             width, height = (max(1, round(side * scale)) for side in (frame.width, frame.height))
-            small = frame.reformat(width, height, "gray", interpolation="AREA")
-            yield number, self._upright(small.to_ndarray(), box)
+            with conversion(self.path, frame):
+                small = frame.reformat(width, height, "gray", interpolation="AREA").to_ndarray()
+            yield number, self._upright(small, box)
 
     def image(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
         """Decode one image, and those between the key frame before and it.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -102,6 +103,23 @@ class VideoTraits:
                 "the video is interlaced: the rows of an image show two times, so moving edges are "
                 "jagged; write it anew with ffmpeg -i OLD -vf bwdif=send_frame NEW.mp4"
             )
+
+
+@contextmanager
+def conversion(path: Path, frame: Any) -> Iterator[None]:  # noqa: ANN401
+    """Check that FFmpeg converts the colours of a frame, which PyAV gives.
+
+    Raises:
+        DataError: it does not, such as those of BT.2020 with constant luminance.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DataError(
+            f"{path}: FFmpeg does not convert its colours (matrix {int(frame.colorspace)} of "
+            f"ITU-T H.273): {error.strerror}.",
+            "Export the video as Rec. 709 from a video editor.",
+        ) from error
 
 
 def _red_green_blue(frame: Any, layout: str) -> UInt[np.ndarray, "h w 3"]:  # noqa: ANN401

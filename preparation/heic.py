@@ -102,7 +102,9 @@ def _converted(file: InputFile, folder: Path) -> InputFile | LeftOut:
             raise
         except Exception as error:  # pi-heif raises whatever a broken file makes it.
             if isinstance(error, OSError) and error.strerror:
-                return LeftOut(file.name, f"the file cannot be read ({error.strerror})")
+                return LeftOut(
+                    file.name, f"the file cannot be read ({error.strerror})", "Replace it."
+                )
             return LeftOut(file.name, DAMAGED, "Copy it again, or convert it to JPEG.")
         write_atomically(path, content)
     return replace(file, path=path, name=PurePosixPath(file.name).with_suffix(".jpg").as_posix())

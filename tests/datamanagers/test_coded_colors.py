@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.small_captures import HEIGHT, WIDTH
 
+from gsfw.core.errors import DataError
 from gsfw.datamanagers.coded_colors import HLG, PQ, coded_to_srgb, compressed
 from gsfw.datamanagers.video import Shot, Video
+from gsfw.datamanagers.video_traits import VideoTraits
 
 BT2020_TO_BT709 = np.array(
     [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]]
@@ -123,7 +125,7 @@ def write_color(path, values, layout, transfer, primaries, matrix, color_range) 
         codes = {"color_trc": transfer, "color_primaries": primaries, "colorspace": matrix}
         for name, value in (codes | {"color_range": color_range}).items():
             setattr(stream.codec_context, name, value)
-            if hasattr(frame, name):  # PyAV 14.1 has some of them not.
+            if hasattr(frame, name):  # PyAV 14.1 lacks some.
                 setattr(frame, name, value)
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
@@ -159,3 +161,32 @@ def test_the_matrix_and_range_of_a_file_are_applied(tmp_path, matrix, red, blue,
     planes += [round(128 + steps[1] * value) for value in chroma]
     video = write_color(tmp_path / "a.mp4", planes, "yuv420p", 1, 1, matrix, 2 if full else 1)
     assert np.abs(video.image(0) - 255 * COLOR).max() <= FFMPEG
+
+
+def test_a_matrix_that_ffmpeg_does_not_convert_is_told(tmp_path, monkeypatch):
+    video = write_color(tmp_path / "a.mp4", [80, 128, 128], "yuv420p", 1, 1, 1, 1)
+
+    def refuse(*_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(VideoTraits, "colors", refuse)
+    with pytest.raises(DataError) as caught:
+        video.image(0)
+    assert caught.value.message == (
+        f"{video.path}: FFmpeg does not convert its colours (matrix 1 of ITU-T H.273): "
+        "Operation not supported."
+    )
+
+
+@pytest.mark.parametrize("matrix", [8, 10, 14])
+def test_rare_matrices_end_in_colors_or_words(tmp_path, matrix):
+    """Versions of FFmpeg differ in what they convert."""
+    path = tmp_path / "a.mp4"
+    refusal, shapes = "", []
+    try:
+        video = write_color(path, [80, 128, 128], "yuv444p", 1, 1, matrix, 1)
+        shapes = [video.image(0).shape, next(video.greys([0], WIDTH))[1].shape]
+    except DataError as error:
+        refusal = error.message
+    expected = f"{path}: FFmpeg does not convert its colours (matrix {matrix} of ITU-T H.273)"
+    assert refusal.startswith(expected) or shapes == [(HEIGHT, WIDTH, 3), (HEIGHT, WIDTH)]

@@ -69,7 +69,7 @@ def stored(path, **settings):
             setattr(stream.codec_context, name, value)
         frame = av.VideoFrame.from_ndarray(image(0), format="rgb24").reformat(format="yuv420p")
         for name in {"color_trc"} & set(settings):
-            if hasattr(frame, name):  # PyAV 14.1 has it not.
+            if hasattr(frame, name):  # PyAV 14.1 lacks it.
                 setattr(frame, name, settings[name])
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
