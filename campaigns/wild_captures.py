@@ -64,9 +64,9 @@ class Capture:
 
 
 @cache
-def photographed(moving: bool, views: int = 12, points: int = 300) -> Capture:
+def photographed(moving: bool) -> Capture:
     """The built-in scene, still or moving, as any camera would have it."""
-    config = SyntheticConfig(views, 0, WIDTH, HEIGHT, points, moving, TIMES)
+    config = SyntheticConfig(12, 0, WIDTH, HEIGHT, 300, moving, TIMES)
     data = config.build(DataRequest(None))
     cameras = data.views(Split.TRAIN).cameras
     white, cpu = torch.ones(3), torch.device("cpu")

@@ -31,7 +31,7 @@ def run(tokens: list[str]) -> int:
             "gsfw config: the action is missing.", "Write gsfw config show method=NAME."
         )
     arguments = replace(arguments, words=arguments.words[1:])
-    settings = read_settings("train", arguments, installed())
+    settings = read_settings(arguments, installed())
     from gsfw.planning.asked import asked_of, spelled_out
     from gsfw.plugins.values import as_text
 

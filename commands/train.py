@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from gsfw.plugins.settings import Layer, Settings
 
 
+USAGE = "usage: gsfw train method=NAME [key=value ...]\n"
+
+
 def run(tokens: list[str]) -> int:
     """Train a method on a data set."""
     began = time.perf_counter()
@@ -41,7 +44,7 @@ def run(tokens: list[str]) -> int:
     if not arguments.flag("help") and world() is None:
         announce(layers(arguments), registry, console)
     with stage("loading torch and the method"):
-        settings = read_settings("train", arguments, registry)
+        settings = read_settings(arguments, registry)
     processes = settings.config.processes
     if starts_workers(processes) and not arguments.flag("dry_run"):
         from gsfw.commands.interface.new_run import check_free
@@ -122,7 +125,7 @@ def announce(given: Sequence[Layer], registry: Registry, console: Console) -> No
         console.say(f"preparing method {values['method']} on {data}, device {device}")
 
 
-def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settings:
+def read_settings(arguments: Arguments, registry: Registry) -> Settings:
     """Resolve the given settings, or raise help on them.
 
     Raises:
@@ -134,16 +137,16 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
 
     wanted = arguments.flag("help")
     given = spelled_out(layers(arguments))
-    _check_words(verb, arguments.words, registry)
+    _check_words(arguments.words, registry)
     if not any("method" in layer.values for layer in given):
         if wanted:
-            raise HelpRequested("\n".join([_usage(verb), *_methods(verb, registry)]))
-        raise ConfigError(_no_method(given), "\n".join(_methods(verb, registry)))
+            raise HelpRequested("\n".join([USAGE, *_methods(registry)]))
+        raise ConfigError(_no_method(given), "\n".join(_methods(registry)))
     if wanted:
         from gsfw.commands.interface.help import settings_help
 
         settings, problem = _settings_to_explain(given, registry)
-        raise HelpRequested(settings_help(verb, settings, registry, problem))
+        raise HelpRequested(settings_help(settings, registry, problem))
     return resolve(registry, given)
 
 
@@ -174,22 +177,18 @@ def _no_method(given: Sequence[Layer]) -> str:
     return "no method is chosen."
 
 
-def _usage(verb: str) -> str:
-    return f"usage: gsfw {verb} method=NAME [key=value ...]\n"
-
-
-def _methods(verb: str, registry: Registry) -> list[str]:
+def _methods(registry: Registry) -> list[str]:
     methods = registry.slot("method")
     width = max((len(name) for name in methods), default=0)
     first = next(iter(methods), "NAME")
     return [
         "Methods:",
         *(f"  {name:{width}}  {spec.description}" for name, spec in methods.items()),
-        f"Next: gsfw {verb} method={first} (with --help: every setting).",
+        f"Next: gsfw train method={first} (with --help: every setting).",
     ]
 
 
-def _check_words(verb: str, words: Sequence[str], registry: Registry) -> None:
+def _check_words(words: Sequence[str], registry: Registry) -> None:
     """Explain a word that is not ``key=value``."""
     for word in words:
         if word in registry.slot("method"):
@@ -199,5 +198,5 @@ def _check_words(verb: str, words: Sequence[str], registry: Registry) -> None:
         elif word in FLAGS:
             advice = f"Write {word}=true, or --{word.replace('_', '-')}."
         else:
-            advice = f"Write {word}=VALUE; all keys: gsfw {verb} --help."
+            advice = f"Write {word}=VALUE; all keys: gsfw train --help."
         raise ConfigError(f"{word!r} is not key=value.", advice)

@@ -77,9 +77,9 @@ def section(anchor: str, title: str, content: Child, lead: Child = ()) -> Markup
     return element("section", [*head, content], {"id": anchor})
 
 
-def folded(summary: Child, content: Child, is_open: bool = False) -> Markup:
+def folded(summary: Child, content: Child) -> Markup:
     """Content that a click on its summary shows."""
-    return element("details", [element("summary", summary), content], {"open": is_open})
+    return element("details", [element("summary", summary), content])
 
 
 def note(text: str) -> Markup:

@@ -112,7 +112,7 @@ def _check(arguments: Arguments, of_prepare: set[str]) -> None:
         usual = (("method", METHOD), ("datamanager", "colmap"))
         added = [pair for pair in usual if pair[0] not in chosen]  # They would override a file.
         given = Arguments((), (*added, *arguments.pairs))
-        asked_of(read_settings("train", given, installed()), layers(given))
+        asked_of(read_settings(given, installed()), layers(given))
     except ConfigError as error:
         if arguments.values.keys() & of_prepare - {"out", "json", "debug"}:
             raise ConfigError(error.message, ORDER) from None

@@ -63,11 +63,10 @@ def options_help(verb: str, kind: type[Options]) -> str:
     )
 
 
-def settings_help(verb: str, settings: Settings, registry: Registry, problem: str) -> str:
+def settings_help(settings: Settings, registry: Registry, problem: str) -> str:
     """All keys of a method with the chosen parts, in groups, and the values of the run.
 
     Args:
-        verb: the verb that takes them.
         settings: of the run.
         registry: what is installed.
         problem: what is wrong with the given settings, where ``settings`` are not those; empty for
@@ -95,7 +94,7 @@ def settings_help(verb: str, settings: Settings, registry: Registry, problem: st
     groups["callbacks"] = callbacks
     every = [row for rows in groups.values() for row in rows]
     lines = [
-        f"usage: gsfw {verb} method={method.name} [key=value ...]",
+        f"usage: gsfw train method={method.name} [key=value ...]",
         "",
         paragraphs(f"{method.description}{f' ({method.paper})' if method.paper else ''}"),
         "",

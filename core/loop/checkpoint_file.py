@@ -7,13 +7,10 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gsfw.core.errors import DataError, UserError
 from gsfw.core.files.atomic import atomic_file
-
-if TYPE_CHECKING:
-    import torch
 
 CHECKPOINT_SCHEMA = 2
 """Version of the checkpoint layout; raised when an older gsfw could not read a newer file."""
@@ -70,7 +67,7 @@ def write_checkpoint(path: Path, step: int, state: Mapping[str, Any]) -> None:
             raise
 
 
-def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+def read_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint (tensors and plain data only).
 
     Raises:
@@ -81,7 +78,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
     try:
         _check_names(path)
-        state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
+        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise DataError(f"{path}: there is no such checkpoint.") from None
     except PermissionError:

@@ -86,8 +86,8 @@ def _at(depth: float, opacity: float, scales: Sequence[float]) -> Drawing:
     return Drawing(made, front_camera(*SIZE, distance=0.0), settings)
 
 
-def _powers(first: int, last: int, step: int = 1) -> tuple[float, ...]:
-    return tuple(10.0**power for power in range(first, last + 1, step))
+def _powers(first: int, last: int) -> tuple[float, ...]:
+    return tuple(10.0**power for power in range(first, last + 1))
 
 
 OPACITIES = (

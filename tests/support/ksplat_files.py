@@ -7,11 +7,11 @@ import numpy as np
 from gsfw.formats.ksplat.layout import MAIN_BYTES, RANGE, Section, record_type
 
 
-def sections(level, parts, header=(1.0, 2.0)):
+def sections(level, parts):
     """A file of several sections: degree, lengths of full and partial buckets, and records."""
     total = sum(len(records) for *_, records in parts)
     main = struct.pack(
-        "<BB2xIIIIH2x3fff", 0, 1, len(parts), len(parts), total, total, level, 0, 0, 0, *header
+        "<BB2xIIIIH2x3fff", 0, 1, len(parts), len(parts), total, total, level, 0, 0, 0, 1.0, 2.0
     )
     headers, data = [], []
     for degree, size, full, partial, centers, records in parts:

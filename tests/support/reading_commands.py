@@ -66,7 +66,7 @@ def _read_settings(tokens: Sequence[str]) -> None:
     """Resolve settings as ``gsfw train`` does."""
     arguments = parse(tokens)
     try:
-        asked_of(read_settings("train", arguments, installed()), layers(arguments))
+        asked_of(read_settings(arguments, installed()), layers(arguments))
     except HelpRequested:
         if unknown := set(arguments.values) - {"help", "method"}:
             raise ConfigError(f"help with {unknown} is not read here") from None

@@ -22,9 +22,9 @@ ORIGIN = torch.tensor([300.0, -20.0, 1000.0], dtype=torch.float64)
 """Middle of the scenes, far from the origin of their world, as in data with coordinates of maps."""
 
 
-def ball(count: int = 2000, degree: int = 3, seed: int = 0) -> SplatFile:
+def ball(count: int = 2000, degree: int = 3) -> SplatFile:
     """Coloured splats in the shell of a ball of radius 1; z is up."""
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(0)
 
     def rand(*shape: int) -> Tensor:
         return torch.rand(*shape, generator=generator, dtype=torch.float64)
