@@ -21,7 +21,7 @@ from typing import TypeVar
 
 from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.core.exchange import Exporter, Holds, SplatFile
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.core.splats import Sh
 from gsfw.formats.visible_splats import without_invisible
 from gsfw.plugins.exporters import make_exporter

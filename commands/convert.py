@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, positional
 from gsfw.commands.interface.format_options import read_with_format
-from gsfw.core.files.links import followed
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of, followed
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
 from gsfw.core.words import size

@@ -10,7 +10,7 @@ from gsfw.commands.interface.arguments import RunOptions
 from gsfw.commands.interface.export_options import PLY
 from gsfw.commands.interface.export_times import ALL, parse_times
 from gsfw.commands.interface.format_options import read_with_format
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.core.progress import stage, tracked
 from gsfw.core.ranges import number
 from gsfw.core.words import shell_argument, size

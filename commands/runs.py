@@ -264,7 +264,7 @@ def _tell_others(comparison: RunComparison, letters: Sequence[str], console: Con
 def _remove(options: RunsOptions, console: Console) -> int:
     from gsfw.commands.interface.run_removal import check_removable, remove_run
     from gsfw.core.errors import ConfigError
-    from gsfw.core.files.size import bytes_of
+    from gsfw.core.files.reading import bytes_of
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.core.words import size
     from gsfw.reports.run_reader import read_run

@@ -16,7 +16,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from gsfw.core.exchange import Exporter, ExportSource, Holds, SplatFile
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.plugins.loading import load
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.sources import SIZE, image_of, source_for, splat_file

@@ -24,7 +24,7 @@ from gsfw.core.datamanager import Split, spread
 from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.exchange import ExportSource, Holds, SplatFile, StoredModel
 from gsfw.core.files.atomic import other_place, write_atomically
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.progress import stage
 from gsfw.core.words import size

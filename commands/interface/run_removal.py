@@ -13,7 +13,7 @@ from gsfw.commands.interface.runs import RUNS, RunArgument
 from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.core.files.atomic import other_place
 from gsfw.core.files.folder_lock import LOCK, holder, only_one
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.core.files.yaml_text import parsed_yaml
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.words import shell_argument

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.run_history import remembered_runs
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.words import shell_argument
 from gsfw.plugins.registry import Registry, did_you_mean, installed, what_is_missing

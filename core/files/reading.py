@@ -1,4 +1,4 @@
-"""Reading: errors of the file system as messages for the user."""
+"""Reading: what a path leads to, and errors of the file system as messages for the user."""
 
 from __future__ import annotations
 
@@ -27,6 +27,21 @@ def is_there(path: Path) -> bool:
 def is_folder(path: Path) -> bool:
     """True if there is a folder whose name comes from elsewhere; see ``is_file``."""
     return os.path.isdir(path)
+
+
+def followed(path: Path) -> Path:
+    """The absolute path without links; links that lead in circles stay.
+
+    ``Path.resolve`` raises RuntimeError there before Python 3.13.
+    """
+    return Path(os.path.realpath(path))
+
+
+def bytes_of(path: Path) -> int:
+    """Size of a file, or of all files below a folder; links in it count as themselves."""
+    if not path.is_dir():
+        return path.stat().st_size
+    return sum(item.lstat().st_size for item in path.rglob("*") if not item.is_dir())
 
 
 @contextmanager

@@ -17,7 +17,6 @@ from gsfw.core.files.atomic import atomic_file
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Splats
 from gsfw.formats.activation import to_bytes
-from gsfw.formats.gltf.container import glb_size, glb_start, padded_text
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
     COLOR_SPACE,
@@ -32,6 +31,9 @@ from gsfw.formats.gltf.layout import (
     UNSIGNED_BYTE,
     WIDTHS,
     coefficient,
+    glb_size,
+    glb_start,
+    padded_text,
 )
 from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, stored_parts
 

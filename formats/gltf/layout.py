@@ -1,4 +1,4 @@
-"""Names and numbers of glTF 2.0 and of the extension."""
+"""Names and numbers of glTF 2.0 and of the extension, and the container of .glb files."""
 
 from __future__ import annotations
 
@@ -37,3 +37,20 @@ def coefficient(index: int) -> str:
     """The attribute of an SH coefficient, in the order of the bands."""
     degree = int(index**0.5)
     return f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{index - degree * degree}"
+
+
+def padded_text(text: str) -> bytes:
+    """JSON with blanks up to a multiple of 4 bytes, which the format asks for."""
+    content = text.encode()
+    return content + b" " * (-len(content) % 4)
+
+
+def glb_size(text: bytes, binary: int) -> int:
+    """Bytes of a file with this padded JSON and so many bytes of binary data."""
+    return GLB_HEADER.size + 2 * CHUNK.size + len(text) + binary
+
+
+def glb_start(text: bytes, binary: int) -> bytes:
+    """All of a file before its binary data; it holds at most 2^32 - 1 bytes."""
+    header = GLB_HEADER.pack(MAGIC, 2, glb_size(text, binary))
+    return header + CHUNK.pack(len(text), JSON_CHUNK) + text + CHUNK.pack(binary, BINARY_CHUNK)

@@ -18,13 +18,14 @@ from jaxtyping import UInt8
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
 from gsfw.core.maths.axes import stated_axis
-from gsfw.formats.gltf.container import glb_start, padded_text
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
     FLOAT,
     UNSIGNED_BYTE,
     UNSIGNED_INT,
+    glb_start,
+    padded_text,
 )
 from gsfw.formats.mesh.surface_nets import Mesh
 

@@ -9,7 +9,7 @@ from jaxtyping import Float32, Int64, UInt8
 
 from gsfw.core.errors import COPY_AGAIN, DataError, UserError
 from gsfw.core.exchange import Importer, SplatFile
-from gsfw.core.files.size import bytes_of
+from gsfw.core.files.reading import bytes_of
 from gsfw.formats.sog import texels
 from gsfw.formats.sog.container import Container, Folder, opened
 from gsfw.formats.sog.description import (
