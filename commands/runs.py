@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, positional, positionals, read_options
+from gsfw.core.words import counted
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -95,7 +96,9 @@ def _list(options: RunsOptions, console: Console) -> int:
         scenes, methods = (
             {getattr(record, key) for record in records} for key in ("scene", "method")
         )
-        console.say(f"No run matches {_filter_text(options)} ({_runs(len(records))} in all).")
+        console.say(
+            f"No run matches {_filter_text(options)} ({counted(len(records), 'run')} in all)."
+        )
         console.say(f"Scenes: {', '.join(sorted(scenes))}. Methods: {', '.join(sorted(methods))}.")
     else:
         console.say(_table(chosen))
@@ -120,10 +123,6 @@ def _filter_text(options: RunsOptions) -> str:
     """The filter as it is written on the command line."""
     given = {"state": options.state, "scene": options.scene, "method": options.method}
     return " ".join(f"{key}={value}" for key, value in given.items() if value not in ("", "all"))
-
-
-def _runs(count: int) -> str:
-    return "1 run" if count == 1 else f"{count:,} runs"
 
 
 def _order(sort: str) -> Callable[[RunRecord], Any]:

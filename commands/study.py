@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from gsfw.commands.interface.arguments import positional, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
 from gsfw.core.ranges import number
-from gsfw.core.words import duration, rough_duration, shell_argument
+from gsfw.core.words import counted, duration, rough_duration, shell_argument
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -155,7 +155,9 @@ def _make(
     executor = executor_of(options, options.jobs, lock)
     runner = Runner(plan, store, settings, control, executor)
     about = f", about {rough_duration(runner.seconds_left())}" if runner.pending else ""
-    console.say(f"{study.title}: {_runs(runner.kept)} finished, {len(runner.pending)} left{about}")
+    console.say(
+        f"{study.title}: {counted(runner.kept, 'run')} finished, {len(runner.pending)} left{about}"
+    )
     ended: list[Ended] = []
     try:
         with stop_on_signal(control) as interrupt, executor:
@@ -218,7 +220,7 @@ def _tell_rest(console: Console, runner: Runner, control: Control, options: Stud
     further = "The same command continues."
     if options.again:
         further = "The same command trains all of them again; only=ROW,SCENE names those left."
-    console.say(f"{_runs(len(runner.pending))} left: {why}. {further}")
+    console.say(f"{counted(len(runner.pending), 'run')} left: {why}. {further}")
 
 
 def _dry(
@@ -338,7 +340,3 @@ def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[Scen
     words += ["root=DATA"] if any("data" in scene for scene in study.scenes.values()) else []
     words += [f"out={options.out}"] if options.out else []
     return write_report(study, store, store.path.parent, shlex.join(words))
-
-
-def _runs(number: int) -> str:
-    return f"{number} run{'' if number == 1 else 's'}"

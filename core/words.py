@@ -1,4 +1,4 @@
-"""Words: times, numbers of bytes and arguments of commands, the same in every message and page."""
+"""Words: times, bytes, counts and arguments of commands, the same in every message and page."""
 
 from __future__ import annotations
 
@@ -43,6 +43,11 @@ def rough_size(count: int | float) -> str:
     unit, name = (1e9, "GB") if count >= 0.9995e9 else (1e6, "MB")
     amount = count / unit
     return f"{amount:.1f} {name}" if unit == 1e9 and amount < 9.95 else f"{amount:.0f} {name}"
+
+
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """A number of things: "1 view", "1,200 views"; ``plural`` where it is no "s" more."""
+    return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
 def metric_name(name: str) -> str:

@@ -20,6 +20,7 @@ from gsfw.core.files.mirror import notes_on
 from gsfw.core.loop.area import shrink_batch
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
+from gsfw.core.words import counted
 from gsfw.datamanagers.area import shrink_mask
 from gsfw.datamanagers.color_profile import color_notes
 from gsfw.datamanagers.fitted_map import ImageFit
@@ -218,7 +219,7 @@ class Capture(DataManager):
             *self._mask_notes,
             *(() if self._as_stored else color_notes(shown)),
             *self._maps.notes(),
-            f"{train} view{'' if train == 1 else 's'} to train on, {held} held out ({how})",
+            f"{counted(train, 'view')} to train on, {held} held out ({how})",
             *self._held_out.notes,
             *self._videos.notes(),
             *self._loader.notes(),

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from gsfw.core.errors import DataError
+from gsfw.core.words import counted
 from gsfw.datamanagers.lens import Lens
 
 KEPT = "FISHEYE"
@@ -209,14 +210,10 @@ def _note(source: str, target: str, found: list[Undistortion]) -> str:
     shown += f" and {len(sizes) - 3} more" if len(sizes) > 3 else ""
     lenses = len(set(found))
     note = (
-        f"{_counted(len(found), 'image', 'images')} of {_counted(lenses, 'lens', 'lenses')} "
+        f"{counted(len(found), 'image')} of {counted(lenses, 'lens', 'lenses')} "
         f"undistorted from {source} to {target} ({shown} pixels), for training, evaluation and "
         f"export; up to {100 * lost:.1f} % of an image fall outside"
     )
     if any(each.has_blanks for each in found):
         note += ", and pixels that no lens saw are masked out"
     return note
-
-
-def _counted(count: int, one: str, several: str) -> str:
-    return f"{count} {one if count == 1 else several}"

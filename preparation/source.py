@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
+from gsfw.core.words import counted
 from gsfw.datamanagers.color_profile import color_notes
 from gsfw.datamanagers.detection import PHOTOS, VIDEOS
 from gsfw.datamanagers.video import is_video
@@ -167,14 +168,14 @@ def _nothing(
     """The error where nothing can be used: what there is instead, the most frequent first."""
     reasons = Counter(item.reason for item in left_out)
     foreign = [
-        _counted(count, f"{FOREIGN[reason]} file")
+        counted(count, f"{FOREIGN[reason]} file")
         for reason, count in reasons.most_common()
         if reason in FOREIGN
     ]
     counts = [f"{' and '.join(foreign)}, which it does not read"] if foreign else []
     if others:
         verb = "is" if len(others) == 1 else "are"
-        files = _counted(len(others), "file")
+        files = counted(len(others), "file")
         counts.append(f"{files} that {verb} no image and no video, by name and content")
     found = [f"gsfw found {'; and '.join(counts)}."] if counts else []
     for reason in (reason for reason, _ in reasons.most_common() if reason not in FOREIGN):
@@ -188,10 +189,6 @@ def _nothing(
             advice or [f"Give a folder of {KNOWN} images, or a video ({', '.join(VIDEOS)})."]
         ),
     )
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def notes_on(

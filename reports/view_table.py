@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gsfw.core.words import metric_name, shown_metrics
+from gsfw.core.words import counted, metric_name, shown_metrics
 from gsfw.reports.markup import (
     NOTHING,
     Child,
@@ -90,8 +90,7 @@ def _lead(
     labels = any(view.label for view in pictures.views)
     detail = ": the worst, some around the median, and the best" if labels else ""
     more = "" if shown == len(views) else ". gsfw report RUN views=N chooses how many"
-    count = f"{len(views):,} view{'' if len(views) == 1 else 's'}"
-    text = f"{count}. {which}{detail}{more}. Click one to see it large."
+    text = f"{counted(len(views), 'view')}. {which}{detail}{more}. Click one to see it large."
     return [text, _legend(pictures)]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gsfw.core.words import counted
 from gsfw.preparation.check.coverage import looked_at, widest_gap
 from gsfw.preparation.check.lens_findings import lens_findings
 from gsfw.preparation.check.pose_findings import pose_findings
@@ -53,7 +54,7 @@ def _number(survey: Survey) -> Iterator[Finding]:
     viewpoints = survey.viewpoints
     views = int(viewpoints.trained.sum())
     places = _trained_places(survey)
-    what = f"{views} image{'' if views == 1 else 's'} to train on" + (
+    what = f"{counted(views, 'image')} to train on" + (
         f" from {len(places)} places" if len(places) < views else ""
     )
     advice = "Take more photos: 50 to 150 around a thing, each overlapping the next by two thirds"

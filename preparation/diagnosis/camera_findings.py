@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from gsfw.core.words import counted
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE, UNLIKE
@@ -79,7 +80,7 @@ def _range(focals: Collection[float]) -> str:
 
 
 def _hollow(figures: ModelFigures) -> Finding:
-    points = f"{figures.points} point{'' if figures.points == 1 else 's'}"
+    points = counted(figures.points, "point")
     return Finding(
         "hollow model",
         Weight.STOP,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gsfw.core.words import counted
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.camera_findings import camera_findings, focal_findings
 from gsfw.preparation.diagnosis.evidence import Evidence
@@ -163,7 +164,7 @@ def _camera(camera: CameraFigures) -> str:
         origin = {"EXIF": "EXIF says", "given": "it was given as"}
         guess = f"; {origin.get(camera.focal_origin, 'the usual guess was')}"
         guess += f" {camera.first_focal:.0f}"
-    images = f"{camera.images} image{'' if camera.images == 1 else 's'}"
+    images = counted(camera.images, "image")
     return (
         f"Camera {camera.number} ({camera.model}, {images}) has a focal length of "
         f"{camera.focal:.0f} pixels, a field of view of {camera.view_degrees:.1f} degrees across "

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+from gsfw.core.words import counted
 from gsfw.preparation.diagnosis.link import JOINED, LEAST, Link
 from gsfw.preparation.diagnosis.match_graph import Bridge, MatchGraph
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
@@ -307,7 +308,7 @@ class Inquiry:
         for group in self._groups:
             if name in group.members:
                 number = len(group.members) - 1
-                others = f"{number} other image{'' if number == 1 else 's'}"
+                others = counted(number, "other image")
                 return self._because(
                     name,
                     "matched only within its group",

@@ -7,6 +7,7 @@ import pytest
 
 from gsfw.core.words import (
     clock,
+    counted,
     duration,
     metric_name,
     rough_duration,
@@ -68,6 +69,15 @@ def test_no_other_module_spells_times_or_sizes_of_its_own():
         if spells.search(path.read_text())
     ]
     assert found == ["core/words.py"]
+
+
+def test_counts_have_a_singular_and_a_plural():
+    assert [counted(count, "view") for count in (0, 1, 1200)] == [
+        "0 views",
+        "1 view",
+        "1,200 views",
+    ]
+    assert [counted(count, "lens", "lenses") for count in (1, 2)] == ["1 lens", "2 lenses"]
 
 
 def test_metrics_have_words():
