@@ -8,6 +8,7 @@
 #include "camera.h"
 #include "ellipse.h"
 #include "lens.h"
+#include "splat_fields.h"
 
 namespace gsfw {
 namespace GSFW_ISA {
@@ -138,6 +139,26 @@ GSFW_FUNCTION Extent<T> visible_extent(const Projection<T>& splat, const T& log_
   visible = visible & (splat.mean.x + half.x > zero) & (splat.mean.x - half.x < camera.size.x);
   visible = visible & (splat.mean.y + half.y > zero) & (splat.mean.y - half.y < camera.size.y);
   return {visible, half};
+}
+
+/// The fields of a projected splat that describe its ellipse, [SPLAT_CHANNELS] of them.
+template <class T>
+GSFW_FUNCTION void ellipse_fields(const Projection<T>& splat, const T& level,
+                                  const T& log_visibility, const Extent<T>& extent, T* fields) {
+  const Whitening<T> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
+  const T reach = T(2.0) * maximum(T(0.0), log_visibility);
+  const Symmetric2<T>& c = splat.covariance;
+  fields[SPLAT_X] = splat.mean.x;
+  fields[SPLAT_Y] = splat.mean.y;
+  fields[SPLAT_R] = scaled.r;
+  fields[SPLAT_WK] = -(scaled.w * scaled.k);
+  fields[SPLAT_W] = scaled.w;
+  fields[SPLAT_LEVEL] = level;
+  fields[SPLAT_TILT] = c.xy / c.yy;
+  fields[SPLAT_TURN] = c.xy * square_root(reach / c.xx);
+  fields[SPLAT_NARROW] = square_root(reach * (splat.determinant / c.yy));
+  fields[SPLAT_HEIGHT] = extent.half.y;
+  fields[SPLAT_WIDTH] = extent.half.x;
 }
 
 }  // namespace GSFW_ISA

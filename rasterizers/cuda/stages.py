@@ -32,7 +32,7 @@ TILE = constant("stages.h", "TILE")
 
 TILE_PIXELS = TILE * TILE
 
-SPLAT_CHANNELS = enumerators("stages.h", "SplatField")["SPLAT_CHANNELS"]
+SPLAT_CHANNELS = enumerators("splat_fields.h", "SplatField")["SPLAT_CHANNELS"]
 """Fields of a splat before its channels."""
 
 SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]

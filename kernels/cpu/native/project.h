@@ -6,28 +6,6 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
-/// The first fields of a group's projected splats, which are those of the ellipse.
-template <typename T>
-GSFW_FUNCTION void ellipse_fields(const Projection<Pack<T>>& splat, const Pack<T>& level,
-                                  const Pack<T>& log_visibility, const Extent<Pack<T>>& extent,
-                                  Pack<T>* fields) {
-  using N = Pack<T>;
-  const Whitening<N> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
-  const N reach = N(2.0) * maximum(N(0.0), log_visibility);
-  const Symmetric2<N>& c = splat.covariance;
-  fields[SPLAT_X] = splat.mean.x;
-  fields[SPLAT_Y] = splat.mean.y;
-  fields[SPLAT_R] = scaled.r;
-  fields[SPLAT_WK] = -(scaled.w * scaled.k);
-  fields[SPLAT_W] = scaled.w;
-  fields[SPLAT_LEVEL] = level;
-  fields[SPLAT_TILT] = c.xy / c.yy;
-  fields[SPLAT_TURN] = c.xy * square_root(reach / c.xx);
-  fields[SPLAT_NARROW] = square_root(reach * (splat.determinant / c.yy));
-  fields[SPLAT_HEIGHT] = extent.half.y;
-  fields[SPLAT_WIDTH] = extent.half.x;
-}
-
 /// The channels of a group of rows, one after the other.
 template <typename T>
 struct ChannelReader {

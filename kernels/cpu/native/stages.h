@@ -4,6 +4,8 @@
 
 #include <stdint.h>
 
+#include "splat_fields.h"
+
 namespace gsfw {
 
 /// Side of a tile in pixels: the unit of binning and of threads.
@@ -20,16 +22,6 @@ constexpr int CHUNK = 256;
 constexpr int ROWS_PER_TASK = 1024;
 /// Pixels, and 1/100 of it per pixel of extent, by which rounding may not shrink an ellipse.
 constexpr double SLACK = 1e-3;
-
-/// A projected splat: one row of numbers per row of the model. Centre in pixels; r, -w k and w of
-/// the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -
-/// v^2); level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans
-/// with y; the height above the centre at which it reaches furthest right; half its width at the
-/// centre's height; half the height and half the width of its bounding box. Then the channels.
-enum SplatField {
-  SPLAT_X, SPLAT_Y, SPLAT_R, SPLAT_WK, SPLAT_W, SPLAT_LEVEL,
-  SPLAT_TILT, SPLAT_TURN, SPLAT_NARROW, SPLAT_HEIGHT, SPLAT_WIDTH, SPLAT_CHANNELS
-};
 
 /// Sums of a slot over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
 /// u v, g v^2, then weight times gradient for each channel, and if asked for the magnitudes of the

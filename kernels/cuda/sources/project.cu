@@ -22,26 +22,6 @@ constexpr int PROJECT_BLOCKS = sizeof(T) != sizeof(float) ? 8 : RAGGED ? 10 : 12
 GSFW_FUNCTION uint32 depth_key(float depth) { return __float_as_uint(depth); }
 GSFW_FUNCTION uint64 depth_key(double depth) { return uint64(__double_as_longlong(depth)); }
 
-/// The fields of a projected splat that describe its ellipse, [SPLAT_CHANNELS] of them.
-template <class T>
-GSFW_FUNCTION void ellipse_fields(const Projection<T>& splat, const T& level,
-                                  const T& log_visibility, const Extent<T>& extent, T* fields) {
-  const Whitening<T> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
-  const T reach = T(2.0) * maximum(T(0.0), log_visibility);
-  const Symmetric2<T>& c = splat.covariance;
-  fields[SPLAT_X] = splat.mean.x;
-  fields[SPLAT_Y] = splat.mean.y;
-  fields[SPLAT_R] = scaled.r;
-  fields[SPLAT_WK] = -(scaled.w * scaled.k);
-  fields[SPLAT_W] = scaled.w;
-  fields[SPLAT_LEVEL] = level;
-  fields[SPLAT_TILT] = c.xy / c.yy;
-  fields[SPLAT_TURN] = c.xy * square_root(reach / c.xx);
-  fields[SPLAT_NARROW] = square_root(reach * (splat.determinant / c.yy));
-  fields[SPLAT_HEIGHT] = extent.half.y;
-  fields[SPLAT_WIDTH] = extent.half.x;
-}
-
 /// The channels of one row, one after the other.
 template <class T, int DEGREE>
 struct ChannelReader {

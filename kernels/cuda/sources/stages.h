@@ -6,6 +6,7 @@
 #pragma once
 
 #include "platform.h"
+#include "splat_fields.h"
 
 namespace gsfw {
 namespace cuda {
@@ -17,18 +18,6 @@ constexpr int TILE_PIXELS = TILE * TILE;
 constexpr int SUBTILE_WIDTH = 8;
 constexpr int SUBTILE_HEIGHT = 4;
 constexpr int SUBTILES = TILE_PIXELS / WARP;
-
-/// A projected splat: one row of T per row of the model. Centre in pixels; r, -w k and w of the
-/// whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 - v^2);
-/// level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans with y;
-/// the height above the centre at which it reaches furthest right; half its width at the centre's
-/// height; half the height and half the width of its bounding box. Then the channels: colour,
-/// extra, depth, 1, and zeros up to the stride, which is a multiple of 4.
-enum SplatField {
-  SPLAT_X, SPLAT_Y, SPLAT_R, SPLAT_WK, SPLAT_W, SPLAT_LEVEL,
-  SPLAT_TILT, SPLAT_TURN, SPLAT_NARROW, SPLAT_HEIGHT, SPLAT_WIDTH,
-  SPLAT_CHANNELS
-};
 
 /// Sums over the pixels of a splat, with g = alpha dL/d alpha: g, g u, g v, g u^2, g u v,
 /// g v^2; then weight times gradient for each channel, and if asked for the magnitudes of the
@@ -112,7 +101,8 @@ struct ProjectJob {
   double level_min;
   /// False when every splat in front is to reach the whole image.
   int bounded;
-  /// Numbers of T per projected splat.
+  /// Numbers of T per projected splat, a multiple of 4: those of ``SplatField``, the channels
+  /// (colour, extra, depth, 1), and zeros.
   int stride;
   /// T [n, stride]; written where visible.
   void* projected;

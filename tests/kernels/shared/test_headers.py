@@ -32,5 +32,6 @@ def test_a_header_is_short_and_takes_its_copy_of_every_instruction_set(header):
     lines = header.read_text().splitlines()
     assert len(lines) <= 400
     assert max(map(len, lines)) <= 100
-    assert "namespace GSFW_ISA {" in lines
+    has_code = any("GSFW_FUNCTION" in line or "template" in line for line in lines)
+    assert "namespace GSFW_ISA {" in lines or not has_code
     assert not any("std::" in line for line in lines)
