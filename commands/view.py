@@ -136,7 +136,7 @@ def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedM
     """Open a run, a model file or a splat file."""
     from gsfw.commands.interface.runs import restore_run, warn_of_file
     from gsfw.plugins.registry import installed
-    from gsfw.viewer.opening import of_restored
+    from gsfw.viewer.viewed_model import ViewedModel
 
     changed = changed_place(options.data, options.device)
     restored = restore_run(found, installed(), changed, detail=options.drawn())
@@ -144,7 +144,7 @@ def _open(found: RunArgument, options: ViewOptions, console: Console) -> ViewedM
     warn_of_file(found, composition, console)
     is_run = found.model_file is None and found.splat_file is None
     subject = f"{composition.settings.method.name} on {composition.scene.name}" if is_run else ""
-    return of_restored(found.name, restored, found.splat_file is None, subject)
+    return ViewedModel.of(found.name, restored, found.splat_file is None, subject)
 
 
 def _announce(server: ViewerServer, console: Console) -> None:

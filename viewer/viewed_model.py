@@ -14,6 +14,8 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
+from gsfw.plugins.restore import Restored
+from gsfw.plugins.run_source import is_dynamic
 from gsfw.viewer.view_state import CapturedView
 
 SAME_PLACE = 0.01
@@ -40,6 +42,24 @@ class ViewedModel:
     """False if nobody stood at the cameras of the data: they are only to look from."""
     subject: str = ""
     """Method and scene of a run, such as "3dgs on fox"; empty for a file."""
+
+    @staticmethod
+    def of(name: str, restored: Restored, has_cameras: bool, subject: str = "") -> ViewedModel:
+        """The model of an opened run or file; see the fields."""
+        composition = restored.composition
+        parts = composition.parts
+        return ViewedModel(
+            name=name,
+            model=parts.model,
+            rasterizer=parts.rasterizer,
+            settings=composition.plan.settings,
+            scene=composition.scene,
+            device=parts.device,
+            data=parts.data,
+            is_dynamic=is_dynamic(composition),
+            has_cameras=has_cameras,
+            subject=subject,
+        )
 
     def captured(self) -> list[CapturedView]:
         """All views of the capture, those to train on first."""

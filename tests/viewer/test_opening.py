@@ -26,9 +26,9 @@ from gsfw.viewer.film_task import FilmOrder, film_task
 from gsfw.viewer.first_view import first_view
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.key_frames import CameraPath, PathStates, key_frame, pose_of
-from gsfw.viewer.opening import of_restored
 from gsfw.viewer.session import Session
 from gsfw.viewer.view_state import CapturedView, Pose, ViewState
+from gsfw.viewer.viewed_model import ViewedModel
 
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
 STATE = ViewState(pose=FRONT, width=48, height=36)
@@ -37,7 +37,7 @@ STATE = ViewState(pose=FRONT, width=48, height=36)
 def opened(path):
     found = find_run(str(path), print, splats=True)
     restored = restore_run(found, installed(), Layer("the test", {"device": "cpu"}))
-    return of_restored(found.name, restored, has_cameras=found.splat_file is None)
+    return ViewedModel.of(found.name, restored, has_cameras=found.splat_file is None)
 
 
 @pytest.fixture(scope="module")
