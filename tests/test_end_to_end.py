@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from support.processes import ONE_THREAD, command
+from support.processes import ONE_THREAD, command, state
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
@@ -38,14 +38,6 @@ UNREPEATABLE = {"train_seconds", "peak_memory_mb", "render_ms"}
 def figures(out: Path) -> dict[str, object]:
     summary = json.loads(RunFolder(out).summary.read_text())
     return {key: value for key, value in summary.items() if key not in UNREPEATABLE}
-
-
-def last_state(out: Path) -> dict[str, object]:
-    """The last checkpoint, but for the clock."""
-    path = RunFolder(out).latest_checkpoint()
-    assert path is not None
-    state = read_checkpoint(path)
-    return {key: value for key, value in state.items() if key != "train_seconds"}
 
 
 def logged_steps(out: Path) -> list[int]:
@@ -76,7 +68,7 @@ def test_a_killed_run_resumes_to_the_same_bits(trained, tmp_path):
 
     assert main(["resume", str(killed)]) == 0
     assert figures(killed) == figures(whole)
-    assert_same_bits(last_state(killed), last_state(whole))
+    assert_same_bits(state(killed), state(whole))
     assert logged_steps(killed) == logged_steps(whole)
 
 
@@ -116,7 +108,7 @@ def test_the_same_seed_gives_the_same_bits_with_more_than_50000_rows(tmp_path):
         done = subprocess.run(command(*words), capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
     assert figures(tmp_path / "one")["num_gaussians"] == 60000
-    assert_same_bits(last_state(tmp_path / "one"), last_state(tmp_path / "two"))
+    assert_same_bits(state(tmp_path / "one"), state(tmp_path / "two"))
 
 
 # A process of its own proves nothing more of what follows.

@@ -2,6 +2,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 import torch
+from support.inria_scene import weights
 from torch import Tensor
 
 from gsfw.api import (
@@ -81,11 +82,6 @@ def ours(scene: Scene, cameras: Cameras, **named):
         height=HEIGHT,
         **named,
     )
-
-
-def weights(like: Tensor) -> Tensor:
-    random = torch.Generator().manual_seed(1)
-    return torch.randn(like.shape, generator=random, dtype=like.dtype)
 
 
 def gradients(scene: Scene, image: Tensor) -> list[Tensor]:

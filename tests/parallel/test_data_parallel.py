@@ -10,7 +10,7 @@ from itertools import count
 import pytest
 import torch
 from support.memory_training import Recorder, trainer, with_parts
-from support.states import assert_same_bits
+from support.states import assert_same_bits, without_clock
 from support.thread_group import in_threads
 
 from gsfw.core.errors import ConfigError, LostProcessError, TrainingError
@@ -37,7 +37,7 @@ def trained(folder, size: int, strategy: str = "adc", steps: int = STEPS, **opti
         own = trainer(folder / f"{size}-{group.rank}", strategy, Recorder(), steps=steps, **options)
         own = with_parts(own, team=DataParallel(group))
         summary = own.fit()
-        return {k: v for k, v in own.state_dict().items() if k != "train_seconds"}, summary
+        return without_clock(own.state_dict()), summary
 
     results = in_threads(size, run)
     for state, _ in results[1:]:
@@ -158,7 +158,7 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path, alone):
         run = with_parts(run, team=DataParallel(group))
         run.load_state_dict(state)
         run.fit()
-        return {k: v for k, v in run.state_dict().items() if k != "train_seconds"}
+        return without_clock(run.state_dict())
 
     assert_same_bits(in_threads(3, go_on)[0], alone("adc"))
 
@@ -177,7 +177,7 @@ def test_refiners_that_read_images_get_those_of_other_processes(tmp_path):
         refiners = Refiners(with_budget(config, own.parts.data.scene))
         own = with_parts(own, team=DataParallel(group), refiners=refiners)
         own.fit()
-        return {k: v for k, v in own.state_dict().items() if k != "train_seconds"}
+        return without_clock(own.state_dict())
 
     assert BudgetSize.parse(config).is_given
     assert_same_bits(in_threads(1, run)[0], in_threads(2, run)[0])
@@ -189,7 +189,7 @@ def test_any_number_of_processes_leaves_out_the_same_distractors(tmp_path):
         own = trainer(folder, "adc", Recorder(), steps=12, views_per_step=2)
         own = with_parts(own, team=DataParallel(group), distractors=Distractors(start=1))
         own.fit()
-        return {k: v for k, v in own.state_dict().items() if k != "train_seconds"}
+        return without_clock(own.state_dict())
 
     assert_same_bits(in_threads(1, run)[0], in_threads(2, run)[0])
 

@@ -13,7 +13,7 @@ from support.fast_rasterizer import fast_rasterizer
 from support.gaussians import gaussians
 from support.memory_training import Recorder, trainer, with_parts
 from support.scenes import front_camera
-from support.states import assert_same_bits
+from support.states import assert_same_bits, without_clock
 from support.thread_group import in_threads
 
 from gsfw.core.errors import ConfigError, UserError
@@ -39,8 +39,7 @@ def divided(run, group):
 
 
 def checkpoint(folder):
-    state = read_checkpoint(max((folder / "checkpoints").glob("*.pt")))
-    return {name: value for name, value in state.items() if name != "train_seconds"}
+    return without_clock(read_checkpoint(max((folder / "checkpoints").glob("*.pt"))))
 
 
 def trained(folder, size, strategy="adc", resume=False, stop=None, steps=40, **options):

@@ -17,6 +17,19 @@ def numbers(*shape: int, seed: int, dtype: torch.dtype = torch.float64) -> Tenso
     return torch.rand(shape, generator=generator, dtype=torch.float64).to(dtype)
 
 
+def quaternions_and_scales(
+    rows: int, dtype: torch.dtype, low: float = -3.0, high: float = 0.0
+) -> list[Tensor]:
+    """Left and right quaternions, and logarithms of scales, of Gaussians of space and time."""
+    left, right = (numbers(rows, 4, seed=i, dtype=dtype) - 0.5 for i in (1, 2))
+    return [left, right, low + (high - low) * numbers(rows, 4, seed=3, dtype=dtype)]
+
+
+def sliced(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
+    """The slices of such Gaussians."""
+    return tuple(operators.slices(*tensors[:2], tensors[2].exp()))
+
+
 def gradients(
     function: Function,
     operators: Operators,

@@ -12,6 +12,7 @@ import pytest
 
 from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.run_folder import RunFolder
+from support.states import without_clock
 
 SCENE = (
     *("device=cpu", "datamanager.views=8", "datamanager.width=48", "datamanager.height=36"),
@@ -56,7 +57,7 @@ def state(folder: Path) -> dict:
     """The last checkpoint of a run without its times."""
     latest = RunFolder(folder).latest_checkpoint()
     assert latest is not None
-    return {k: v for k, v in read_checkpoint(latest).items() if k != "train_seconds"}
+    return without_clock(read_checkpoint(latest))
 
 
 class Started:

@@ -3,6 +3,11 @@
 import torch
 
 
+def without_clock(state: dict) -> dict:
+    """A state of a training without its seconds."""
+    return {key: value for key, value in state.items() if key != "train_seconds"}
+
+
 def assert_same_bits(first, second, where="state"):
     """Nested dictionaries and lists of tensors and plain data are equal to the last bit."""
     assert type(first) is type(second), where

@@ -6,13 +6,12 @@ import pytest
 import torch
 from support.memory_training import STRATEGIES, MemoryData, Recorder, trainer, with_parts
 from support.sampling import sampled
-from support.states import assert_same_bits
+from support.states import assert_same_bits, without_clock
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, TrainingError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.core.loop.trainer import Trainer
 from gsfw.core.render_settings import Depth
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
@@ -20,11 +19,6 @@ from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 # Whole trainings and scenes; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
-
-
-def state_of(run: Trainer) -> dict:
-    """What a checkpoint holds, but for the clock."""
-    return {key: value for key, value in run.state_dict().items() if key != "train_seconds"}
 
 
 @pytest.mark.parametrize("strategy", sampled([(name,) for name in STRATEGIES], [0, 3, 4]))
@@ -94,7 +88,7 @@ def test_a_resumed_run_repeats_across_refinements_bit_for_bit(tmp_path, strategy
     assert recorder.reports[0].step == 24
     counts = {report.num_gaussians for report in recorder.reports}
     assert len(counts) > 1, "a refinement must lie behind the checkpoint"
-    assert_same_bits(state_of(resumed), state_of(whole))
+    assert_same_bits(without_clock(resumed.state_dict()), without_clock(whole.state_dict()))
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not(tmp_path):
@@ -102,7 +96,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(tmp_path):
             for i, seed in enumerate([3, 3, 4])]  # fmt: skip
     for run in runs:
         run.fit()
-    assert_same_bits(state_of(runs[0]), state_of(runs[1]))
+    assert_same_bits(without_clock(runs[0].state_dict()), without_clock(runs[1].state_dict()))
     means = [run.parts.model.state_dict()["means.values"] for run in runs]
     assert means[0].shape != means[2].shape or not torch.equal(means[0], means[2])
 
@@ -278,4 +272,4 @@ def test_a_callback_may_look_at_image_and_model_without_changing_a_bit(tmp_path)
         run.fit()
     assert [report.step for report in seen.reports] == [1, 3, 6, 9, 12], "it was not detached"
     assert seen.reports[0].view.name in MemoryData().views(Split.TRAIN).names
-    assert_same_bits(state_of(runs[0]), state_of(runs[1]))
+    assert_same_bits(without_clock(runs[0].state_dict()), without_clock(runs[1].state_dict()))

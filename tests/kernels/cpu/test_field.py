@@ -6,6 +6,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.field_tensors import numbers, quaternions_and_scales, sliced
 from torch import Tensor
 
 from gsfw.core.operators import Gate, Operators
@@ -15,11 +16,6 @@ pytestmark = pytest.mark.usefixtures("instruction_set")
 
 NATIVE, TORCH = CpuOperators(), Operators()
 SIDES = (7, 12)
-
-
-def numbers(*shape: int, seed: int, dtype: torch.dtype = torch.float64) -> Tensor:
-    generator = torch.Generator().manual_seed(seed)
-    return torch.rand(shape, generator=generator, dtype=torch.float64).to(dtype)
 
 
 def planes(places: Tensor, channels: int = 32) -> list[Tensor]:
@@ -259,16 +255,6 @@ def test_hash_features_are_the_same_bits_for_any_number_of_threads(use_threads):
 def test_no_place_reads_beyond_the_tables(value):
     places, *tables = hash_tables(20, torch.float64)
     assert hashed(NATIVE, [torch.full_like(places, value), *tables])[0].isfinite().all()
-
-
-def sliced(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
-    return tuple(operators.slices(*tensors[:2], tensors[2].exp()))
-
-
-def quaternions_and_scales(rows: int, dtype: torch.dtype, low: float, high: float) -> list[Tensor]:
-    """Left and right quaternions, and logarithms of scales."""
-    left, right = (numbers(rows, 4, seed=i, dtype=dtype) - 0.5 for i in (1, 2))
-    return [left, right, low + (high - low) * numbers(rows, 4, seed=3, dtype=dtype)]
 
 
 @pytest.mark.parametrize("rows", [1, 16, 333])

@@ -5,8 +5,7 @@ import math
 import pytest
 import torch
 from support.calls import Calls, CountedLauncher
-from support.field_tensors import agree, gradients, numbers
-from torch import Tensor
+from support.field_tensors import agree, gradients, quaternions_and_scales, sliced
 from torch.autograd import forward_ad
 
 from gsfw.core.operators import Operators
@@ -15,20 +14,16 @@ from gsfw.kernels.cuda.operators import CudaOperators
 CPU = torch.device("cpu")
 
 
-def given(rows: int, dtype: torch.dtype, low: float = -3.0, high: float = 0.0) -> list[Tensor]:
-    """Left and right quaternions, and logarithms of scales."""
-    left, right = (numbers(rows, 4, seed=i, dtype=dtype) - 0.5 for i in (1, 2))
-    return [left, right, low + (high - low) * numbers(rows, 4, seed=3, dtype=dtype)]
-
-
-def sliced(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
-    return tuple(operators.slices(*tensors[:2], tensors[2].exp()))
-
-
 @pytest.mark.parametrize("rows", [1, 128, 333])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_slices_and_their_gradients_are_those_of_torch(operators_there, place, rows, dtype):
-    agree(sliced, operators_there, given(rows, dtype, -1.0, 0.0), place, roundings=200.0)
+    agree(
+        sliced,
+        operators_there,
+        quaternions_and_scales(rows, dtype, -1.0, 0.0),
+        place,
+        roundings=200.0,
+    )
 
 
 @pytest.mark.unchecked
@@ -42,7 +37,7 @@ def test_rows_that_are_no_quaternions_are_refused_as_by_torch():
 
 @pytest.mark.parametrize(("low", "high"), [(-9.0, 2.0), (-3.0, 18.0), (-18.0, 0.0)])
 def test_slices_in_float32_keep_their_digits_at_extreme_scales(operators_there, place, low, high):
-    left, right, logs = given(2000, torch.float32, low, high)
+    left, right, logs = quaternions_and_scales(2000, torch.float32, low, high)
     exact = Operators().slices(left.double(), right.double(), logs.exp().double())
     there = [tensor.to(place) for tensor in (left, right, logs.exp())]
     for found, true in zip(operators_there.slices(*there), exact, strict=True):
@@ -53,7 +48,7 @@ def test_slices_in_float32_keep_their_digits_at_extreme_scales(operators_there, 
 
 @pytest.mark.parametrize("length", [0.0, 1e-13, 1e-11, 1e-20, 1e15])
 def test_quaternions_of_any_norm_are_those_of_torch(operators_there, place, length):
-    tensors = given(20, torch.float64)
+    tensors = quaternions_and_scales(20, torch.float64)
     tensors[0][4] *= length
     tensors[1][5] *= length
     found = gradients(sliced, operators_there, tensors, place)
@@ -66,7 +61,7 @@ def test_quaternions_of_any_norm_are_those_of_torch(operators_there, place, leng
 
 def test_nan_passes_or_is_the_identity_as_in_torch(operators_there, place):
     for tensor, component in ((0, 0), (0, 2), (1, 3), (2, 3)):
-        tensors = given(20, torch.float64)
+        tensors = quaternions_and_scales(20, torch.float64)
         tensors[tensor][4, component] = math.nan
         found = sliced(operators_there, [t.to(place) for t in tensors])
         for one, other in zip(found, sliced(Operators(), tensors), strict=True):
@@ -74,13 +69,15 @@ def test_nan_passes_or_is_the_identity_as_in_torch(operators_there, place):
 
 
 def test_covariances_are_symmetric_to_the_bit(operators_there, place):
-    found = sliced(operators_there, [t.to(place) for t in given(100, torch.float32)])[0]
+    found = sliced(
+        operators_there, [t.to(place) for t in quaternions_and_scales(100, torch.float32)]
+    )[0]
     assert torch.equal(found, found.transpose(1, 2))
 
 
 def test_slices_and_their_gradients_take_a_launch_each():
     launcher = CountedLauncher()
-    tensors = [tensor.requires_grad_() for tensor in given(9, torch.float32)]
+    tensors = [tensor.requires_grad_() for tensor in quaternions_and_scales(9, torch.float32)]
     with Calls(launcher) as calls:
         covariances, _, variances = CudaOperators(launcher).slices(*tensors)
         (covariances.sum() + variances.sum()).backward()
@@ -89,14 +86,14 @@ def test_slices_and_their_gradients_take_a_launch_each():
 
 
 def test_tensors_that_are_not_contiguous_are_taken_too(operators_there, place):
-    tensors = [tensor.T.contiguous().T for tensor in given(9, torch.float64)]
+    tensors = [tensor.T.contiguous().T for tensor in quaternions_and_scales(9, torch.float64)]
     found = sliced(operators_there, [t.to(place) for t in tensors])
     for one, other in zip(found, sliced(Operators(), tensors), strict=True):
         torch.testing.assert_close(one.cpu(), other)
 
 
 def test_second_derivatives_come_from_torch(operators):
-    left, right, logs = given(5, torch.float64)
+    left, right, logs = quaternions_and_scales(5, torch.float64)
     right.requires_grad_()
     second = []
     for kind in (operators, Operators()):
@@ -108,13 +105,15 @@ def test_second_derivatives_come_from_torch(operators):
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
 def test_derivatives_carried_forward_come_from_torch(operators):
-    left, right, logs = given(5, torch.float64)
+    left, right, logs = quaternions_and_scales(5, torch.float64)
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(left, torch.ones_like(left))
         assert forward_ad.unpack_dual(operators.slices(dual, right, logs.exp())[0]).tangent.any()
 
 
-@pytest.mark.parametrize("tensors", [given(0, torch.float32), given(4, torch.bfloat16)])
+@pytest.mark.parametrize(
+    "tensors", [quaternions_and_scales(0, torch.float32), quaternions_and_scales(4, torch.bfloat16)]
+)
 def test_what_kernels_do_not_take_goes_to_torch(tensors):
     launcher = CountedLauncher()
     found = sliced(CudaOperators(launcher), tensors)
