@@ -31,6 +31,15 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
         ) from error
 
 
+def read_object(path: Path) -> Mapping[str, Any]:
+    """The content of a file that holds an object.
+
+    Raises:
+        DataError: it is not JSON, or something else.
+    """
+    return mapping(read_json(path), str(path))
+
+
 def mapping(value: Any, where: str) -> Mapping[str, Any]:  # noqa: ANN401
     """A value that is an object.
 
@@ -55,6 +64,15 @@ def number(entry: Mapping[str, Any], key: str, where: str, default: float | None
             if math.isfinite(found := float(value)):
                 return found
     raise DataError(f"{where}: {key} is {_shown(value)}; expected a number.")
+
+
+def optional_number(entry: Mapping[str, Any], key: str, where: str) -> float | None:
+    """A setting that is a number; ``None`` where it is absent or null.
+
+    Raises:
+        DataError: it is something else; begins with ``where``.
+    """
+    return None if entry.get(key) is None else number(entry, key, where)
 
 
 def numbers(value: Any, count: int, where: str) -> Float64[Tensor, " n"]:  # noqa: ANN401

@@ -19,12 +19,11 @@ from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.files.array_file import read_numbers
-from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header
-from gsfw.datamanagers.json_file import mapping
+from gsfw.datamanagers.json_file import mapping, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import pose_from_center
@@ -73,7 +72,7 @@ def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
 
 def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
     splits, split_notes = _splits(folder / "dataset.json")
-    metadata = _read(folder / "metadata.json")
+    metadata = read_object(folder / "metadata.json")
     times = {
         name: _whole(entry, ("time_id", "warp_id"), f"{folder / 'metadata.json'}: {name}")
         for name, entry in metadata.items()
@@ -112,27 +111,9 @@ def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
     )
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    """A JSON object.
-
-    Raises:
-        DataError: the file is missing, or is none.
-    """
-    try:
-        content = parsed_json(path.read_text("utf-8-sig"))
-    except (OSError, ValueError) as error:
-        raise DataError(
-            f"{path} cannot be read as JSON: {error}",
-            "Copy the file again; it may be missing or cut off.",
-        ) from error
-    if not isinstance(content, dict):
-        raise DataError(f"{path} contains no JSON object.", "Copy the file again.")
-    return content
-
-
 def _splits(path: Path) -> tuple[dict[str, Split | None], tuple[str, ...]]:
     """The split of each frame that is used, and notes; ``None`` where nothing is held out."""
-    content = _read(path)
+    content = read_object(path)
     lists = {}
     for key in ("ids", "train_ids", "val_ids"):
         names = content.get(key, [])
@@ -177,7 +158,7 @@ def _image(folder: Path, name: str) -> Path | None:
 
 
 def _frame(file: Path, name: str, image: Path) -> Frame:
-    content = _read(file)
+    content = read_object(file)
     orientation = _numbers(content, ("orientation",), (3, 3), file)
     position = _numbers(content, ("position",), (3,), file)
     return Frame(

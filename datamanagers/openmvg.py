@@ -22,7 +22,7 @@ from gsfw.core.files.reading import is_folder
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out
-from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
+from gsfw.datamanagers.json_file import mapping, number, numbers, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import pose_from_center
@@ -59,7 +59,7 @@ class OpenMvgConfig(ImageFolderConfig):
                 f"{path} contains no {FILES[0]}" + (f"; found {found}." if found else "."),
                 "Give the folder that contains it, or the file.",
             )
-        content = mapping(read_json(file), str(file))
+        content = read_object(file)
         root = file.absolute().parent
         images = self._images_of(content, root)
         views = [view for _, view in _entries(content, "views", file)]

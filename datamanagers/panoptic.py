@@ -19,11 +19,11 @@ from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.files.array_file import read_numbers
-from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.camera_sequence import common_rate
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
+from gsfw.datamanagers.json_file import read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
@@ -110,13 +110,7 @@ class _MetaFile:
         Raises:
             DataError: it is not JSON, its lists do not go together, or cameras have no numbers.
         """
-        try:
-            content = parsed_json(path.read_text("utf-8-sig"))
-        except (OSError, ValueError) as error:
-            raise DataError(
-                f"{path} cannot be read as JSON: {error}",
-                "Write the file again; it may have been cut off.",
-            ) from error
+        content = read_json(path)
         lists = [content.get(key) if isinstance(content, dict) else None for key in LISTS]
         shapes = [
             [len(inner) for inner in item]

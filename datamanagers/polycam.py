@@ -26,7 +26,7 @@ from gsfw.datamanagers.frames import (
     no_points,
 )
 from gsfw.datamanagers.images import EXTENSIONS, read_header
-from gsfw.datamanagers.json_file import mapping, number, read_json
+from gsfw.datamanagers.json_file import number, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_opengl
 
@@ -94,7 +94,7 @@ class PolycamConfig(CaptureConfig):
         frames, missing, blurred = [], [], 0
         cameras: dict[Lens, int] = {}
         for file in files:
-            entry = mapping(read_json(file), str(file))
+            entry = read_object(file)
             if number(entry, "blur_score", str(file), self.min_blur_score) < self.min_blur_score:
                 blurred += 1
                 continue

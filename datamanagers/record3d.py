@@ -26,7 +26,7 @@ from gsfw.core.ranges import number as setting
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
-from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
+from gsfw.datamanagers.json_file import number, numbers, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_opengl
 
@@ -61,7 +61,7 @@ class Record3dConfig(CaptureConfig):
                 "unzip FILE.r3d -d DIR.",
             )
         file, folder = layout
-        content = mapping(read_json(file), str(file))
+        content = read_object(file)
         total = _count(content, str(file))
         count = min(total, self.max_images)
         chosen = [round(index * (total - 1) / max(1, count - 1)) for index in range(count)]

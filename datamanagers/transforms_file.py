@@ -17,14 +17,14 @@ import torch
 from gsfw.core.batch import Resampling
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.frames import Frame
 from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
+from gsfw.datamanagers.json_file import optional_number, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import DEPTH, MILLIMETRE, MapFile
 from gsfw.datamanagers.poses import pose_from_opengl
-from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
+from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, read_lens
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
 """File names of NeRF-synthetic and D-NeRF, which have one file per split."""
@@ -52,13 +52,7 @@ class TransformsFile:
         Raises:
             DataError: it is not JSON, or contains no frames.
         """
-        try:
-            content = parsed_json(path.read_text("utf-8-sig"))
-        except (OSError, ValueError) as error:
-            raise DataError(
-                f"{path} cannot be read as JSON: {error}",
-                "Write the file again; it may have been cut off.",
-            ) from error
+        content = read_json(path)
         frames = content.get("frames") if isinstance(content, dict) else None
         if not isinstance(frames, list) or not all(isinstance(frame, dict) for frame in frames):
             raise DataError(
@@ -95,7 +89,7 @@ class TransformsFile:
 
     def times(self) -> tuple[float, ...]:
         """The times of all frames, whether or not their images are on disk."""
-        times = [number(entry, "time", str(self.path)) for entry in self.content["frames"]]
+        times = [optional_number(entry, "time", str(self.path)) for entry in self.content["frames"]]
         return tuple(time for time in times if time is not None)
 
     def depth_note(self) -> tuple[str, ...]:
@@ -132,7 +126,7 @@ class TransformsFile:
             lens=self._lens(entry, header, where),
             world_to_camera=pose_from_opengl(_matrix(entry, where), where),
             camera=_camera(entry, where),
-            time=number(entry, "time", where),
+            time=optional_number(entry, "time", where),
             mask=self._named(entry, "mask_path", "use every pixel", where),
             moving=self._named(
                 entry, "motion_mask_path", "let evaluation detect what moves", where
@@ -147,7 +141,7 @@ class TransformsFile:
         path = self._named(entry, DEPTH_KEY, "train without it", where, "depth map")
         if path is None:
             return {}
-        unit = number({**self.content, **entry}, "depth_unit_scale_factor", where)
+        unit = optional_number({**self.content, **entry}, "depth_unit_scale_factor", where)
         if unit is not None and unit <= 0:
             raise DataError(f"{where}: depth_unit_scale_factor is {unit:g}; expected more than 0.")
         return {DEPTH: MapFile(path, Resampling.DEPTH, MILLIMETRE if unit is None else unit)}

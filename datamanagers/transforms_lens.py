@@ -12,6 +12,7 @@ from typing import Any
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.images import Header
+from gsfw.datamanagers.json_file import optional_number
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
 
 FOCAL_KEYS = ("fl_x", "fl_y", "camera_angle_x", "camera_angle_y")
@@ -37,8 +38,8 @@ def read_lens(
     Raises:
         DataError: there is no focal length, or the model and its coefficients contradict.
     """
-    width = number(settings, "w", where) or float(header.width)
-    height = number(settings, "h", where) or float(header.height)
+    width = optional_number(settings, "w", where) or float(header.width)
+    height = optional_number(settings, "h", where) or float(header.height)
     fx = _focal_length(focal, "x", width, where)
     fy = _focal_length(focal, "y", height, where)
     if fx is None and fy is None:
@@ -46,7 +47,7 @@ def read_lens(
             f"{where}: there is no focal length.",
             f"Expected one of {', '.join(FOCAL_KEYS)}, for the file or for the frame.",
         )
-    cx, cy = number(settings, "cx", where), number(settings, "cy", where)
+    cx, cy = optional_number(settings, "cx", where), optional_number(settings, "cy", where)
     model, distortion = _distortion(settings, where)
     lens = Lens(
         fx=fx or fy or 0.0,
@@ -63,24 +64,10 @@ def read_lens(
     return lens
 
 
-def number(settings: Mapping[str, Any], key: str, where: str) -> float | None:
-    """A setting that is a number; ``None`` when it is not there.
-
-    Raises:
-        DataError: it is something else.
-    """
-    value = settings.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        raise DataError(f"{where}: {key} is {value!r}; expected a number.")
-    return float(value)
-
-
 def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: str) -> float | None:
     """In pixels, from itself or from the field of view (radians) over ``size`` pixels."""
-    pixels = number(settings, f"fl_{axis}", where)
-    angle = number(settings, f"camera_angle_{axis}", where)
+    pixels = optional_number(settings, f"fl_{axis}", where)
+    angle = optional_number(settings, f"camera_angle_{axis}", where)
     if pixels is not None or angle is None:
         return pixels
     if not 0 < angle < math.pi:
@@ -92,7 +79,7 @@ def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: st
 
 def _distortion(settings: Mapping[str, Any], where: str) -> tuple[str, tuple[float, ...]]:
     """The model and its coefficients."""
-    values = {key: number(settings, key, where) or 0.0 for key in DISTORTION_KEYS}
+    values = {key: optional_number(settings, key, where) or 0.0 for key in DISTORTION_KEYS}
     given = {key: value for key, value in values.items() if value}
     model = _model(settings, given, where)
     unused = sorted(given.keys() - set(COEFFICIENTS[model]))

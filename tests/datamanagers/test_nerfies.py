@@ -173,7 +173,7 @@ def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
     ("name", "content", "message"),
     [
         ("dataset.json", '{"train_ids": ', r"dataset\.json cannot be read as JSON"),
-        ("dataset.json", "[]", r"dataset\.json contains no JSON object"),
+        ("dataset.json", "[]", r"dataset\.json: expected an object, found \[\]"),
         ("dataset.json", '{"train_ids": 3}', r"train_ids is not a list of names"),
         ("dataset.json", "{}", r"dataset\.json lists no frames"),
         ("metadata.json", "{}", r"metadata\.json does not have left1_000000"),

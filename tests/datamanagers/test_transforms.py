@@ -354,6 +354,7 @@ def test_a_camera_without_focal_length_says_what_would_give_one(folder):
     [
         ({"fl_x": "70"}, "fl_x is '70'; expected a number."),
         ({"cx": float("inf")}, "cx is inf; expected a number."),
+        ({"cx": 10**400}, f"cx is {10**59}...; expected a number."),
         (
             {"fl_x": None, "camera_angle_x": 40.0},
             "camera_angle_x is 40; expected radians between 0 and pi.",
