@@ -184,7 +184,7 @@ def _camera(entry: Mapping[str, Any], where: str) -> int:
 def _matrix(entry: Mapping[str, Any], where: str) -> torch.Tensor:
     try:
         matrix = torch.tensor(entry["transform_matrix"], dtype=torch.float64)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         matrix = torch.empty(0)
     if matrix.shape not in ((3, 4), (4, 4)):
         raise DataError(

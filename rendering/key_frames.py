@@ -266,7 +266,7 @@ def pose(value: object, source: str) -> Float64[Tensor, "4 4"]:
     try:
         matrix = torch.tensor(value, dtype=torch.float64)
         matrix = matrix.reshape(-1, 4)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         raise DataError(f"{source} has no pose.", advice) from None
     if len(matrix) not in (3, 4) or not bool(matrix.isfinite().all()):
         raise DataError(f"{source} has no pose of finite numbers.", advice)
@@ -289,7 +289,7 @@ def number(value: object, source: str, low: int | float, high: int | float) -> f
     """
     try:
         found = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # JSON has whole numbers of any length.
         found = math.nan
     if isinstance(value, bool) or not low <= found <= high:
         shown = json.dumps(value, default=str)

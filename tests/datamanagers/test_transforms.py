@@ -245,7 +245,9 @@ def test_a_pose_with_nan_names_its_frame(folder):
     )
 
 
-@pytest.mark.parametrize("pose", [None, [[1, 2], [3, 4]], "none", [[1, 2, 3, "x"]] * 4])
+@pytest.mark.parametrize(
+    "pose", [None, [[1, 2], [3, 4]], "none", [[1, 2, 3, "x"]] * 4, [[1, 2, 3, 10**400]] * 4]
+)
 def test_a_frame_without_a_pose_is_named(folder, pose):
     path = write(folder, [{"transform_matrix": pose}, {}, {}, {}])
     assert str(failure(folder)) == (

@@ -129,6 +129,17 @@ BROKEN = {
     "has no key frames": {"schema": 1, "key_frames": []},
     "expected a camera path of schema 1, found 9": {"schema": 9, "key_frames": [{}]},
     "key frame 0 has no pose": {"schema": 1, "key_frames": [{"fov": 50}]},
+    "key frame 1 has no pose": {
+        "schema": 1,
+        "key_frames": [
+            {"fov": 50, "camera_to_world": torch.eye(4).tolist()},
+            {"fov": 50, "camera_to_world": [[1, 0, 0, 10**400]] * 4},
+        ],
+    },
+    "00: expected a number from 0.1 to 1000": {
+        "schema": 1, "fps": 10**400,
+        "key_frames": [{"fov": 50, "camera_to_world": torch.eye(4).tolist()}],
+    },
     "is not a rotation and a position": {
         "schema": 1, "key_frames": [{"fov": 50, "camera_to_world": [[1.0] * 4] * 4}],
     },
