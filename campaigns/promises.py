@@ -9,6 +9,8 @@ from pathlib import Path
 import yaml
 from campaign import RESULTS, ROOT, Detail, Record
 
+from gsfw.core.words import rough_duration
+
 PAGE = ROOT / "docs" / "results" / "reliability.md"
 HERE = Path(__file__).resolve().parent
 DEFECTS, KEPT_BY_TESTS = HERE / "defects.yaml", HERE / "kept_by_tests.yaml"
@@ -89,7 +91,7 @@ def _lines(
         yield from _table(("Promise", "Tests"), rows)
     for record in records:
         yield f"\n## {record.campaign.replace('-', ' ').capitalize()}\n"
-        duration = _duration(record.seconds)
+        duration = rough_duration(record.seconds)
         yield f"`{record.command}`, {record.date}, commit {record.commit}, {duration}."
         yield f"Machine: {record.machine}.\n"
         for detail in record.details:
@@ -121,9 +123,3 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str | int | float]]) 
 def _cell(value: str | int | float) -> str:
     text = f"{value:,}" if isinstance(value, int) else f"{value}"
     return text.replace("|", "\\|").replace("\n", " ")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
