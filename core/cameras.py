@@ -191,6 +191,17 @@ class Cameras:
         return replace(first, **joined)
 
 
+def resized_by(cameras: Cameras, factor: float) -> Cameras:
+    """The same views at ``factor`` times their image size, rounded, each side at least a pixel."""
+    width, height = (max(1, round(side * factor)) for side in (cameras.width, cameras.height))
+    return cameras.resized(width, height)
+
+
+def shrunk_to(cameras: Cameras, longest: int) -> Cameras:
+    """The same views with at most ``longest`` pixels along the longer side of the image."""
+    return resized_by(cameras, min(1.0, longest / max(cameras.width, cameras.height)))
+
+
 def _check_rigid(poses: Float[Tensor, "c 4 4"]) -> None:
     """Check that transforms are rotations and translations.
 

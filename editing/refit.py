@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import Cameras, resized_by
 from gsfw.core.maths.spherical_harmonics import C0
 from gsfw.core.progress import tracked
 from gsfw.core.splats import Sh, Splats
@@ -64,12 +64,7 @@ class Comparison:
 
 
 def _small(camera: Cameras) -> Cameras:
-    factor = (MOST_PIXELS / (camera.width * camera.height)) ** 0.5
-    if factor >= 1:
-        return camera
-    return camera.resized(
-        max(1, round(camera.width * factor)), max(1, round(camera.height * factor))
-    )
+    return resized_by(camera, min(1.0, (MOST_PIXELS / (camera.width * camera.height)) ** 0.5))
 
 
 def refitted(

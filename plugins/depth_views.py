@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.cameras import CameraModel, Cameras, shrunk_to
 from gsfw.core.capabilities import Feature
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.exchange import DepthView
@@ -65,5 +65,4 @@ def _pinhole(camera: Cameras) -> Cameras:
         lens = torch.tensor([[half, 0, half], [0, half, camera.height / 2], [0, 0, 1]])
         lens = lens.to(camera.intrinsics)[None]
         camera = replace(camera, model=CameraModel.PINHOLE, intrinsics=lens)
-    shrink = LONGEST_SIDE / max(camera.width, camera.height, LONGEST_SIDE)
-    return camera.resized(round(camera.width * shrink), round(camera.height * shrink))
+    return shrunk_to(camera, LONGEST_SIDE)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.cameras import CameraModel, shrunk_to
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import Preview
 from gsfw.core.loop.evaluation import render_model
@@ -31,7 +31,7 @@ def preview(restored: Restored) -> Preview:
     target = world.apply(viewing_center(views))
     step = max(1, -(-len(views) // VIEWS))
     chosen = views.select(slice(None, None, step))
-    first = _shrunk(replace(cameras[0], model=CameraModel.PINHOLE)).to(parts.device)
+    first = shrunk_to(replace(cameras[0], model=CameraModel.PINHOLE), LONGEST_SIDE).to(parts.device)
     time = None if first.time is None else torch.zeros((), device=parts.device)
     image = render_model(parts.model, parts.rasterizer, first, settings, time).color[0]
     background = (0.0, 0.0, 0.0) if settings.background is None else settings.background.tolist()
@@ -45,11 +45,3 @@ def preview(restored: Restored) -> Preview:
         image=image.cpu(),
         background=(red, green, blue),
     )
-
-
-def _shrunk(camera: Cameras) -> Cameras:
-    """The same view at a size for a page."""
-    share = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
-    if share == 1:
-        return camera
-    return camera.resized(round(camera.width * share), round(camera.height * share))

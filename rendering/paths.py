@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.cameras import CameraModel, Cameras, resized_by
 from gsfw.core.datamanager import DataManager, Split, spread
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths.camera_path import at_times, orbit, posed, spiral
@@ -251,9 +251,7 @@ def find_camera(data: DataManager, name: str) -> Cameras:
 
 
 def _sized(cameras: Cameras, rule: FilmRule) -> Cameras:
-    scale = rule.width / cameras.width if rule.width else rule.scale
-    width, height = (max(round(side * scale), 1) for side in (cameras.width, cameras.height))
-    return cameras.resized(width, height)
+    return resized_by(cameras, rule.width / cameras.width if rule.width else rule.scale)
 
 
 def _train(data: DataManager) -> tuple[Cameras, ...]:

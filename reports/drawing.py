@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import Cameras, shrunk_to
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.determinism import deterministic
 from gsfw.core.loop.evaluation import render_model
@@ -171,10 +171,7 @@ def _orbit(model: Model, frames: int) -> Cameras:
     data = model.parts.data
     views = data.views(Split.TRAIN).cameras
     alike = [replace(views[0], world_to_camera=camera.world_to_camera) for camera in views]
-    cameras = orbit(Cameras.cat(alike), frames)
-    share = min(ORBIT_LONGEST / max(cameras.width, cameras.height), 1.0)
-    sides = (max(round(side * share), 1) for side in (cameras.width, cameras.height))
-    cameras = cameras.resized(*sides)
+    cameras = shrunk_to(orbit(Cameras.cat(alike), frames), ORBIT_LONGEST)
     if not data.scene.is_dynamic:
         return cameras
     return at_times(cameras, [index / max(frames - 1, 1) for index in range(frames)])

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import Cameras, shrunk_to
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
@@ -122,7 +122,7 @@ class FinishedModel:
     def probes(self) -> list[Cameras]:
         """Small views for numerical errors."""
         chosen = self.cameras[:: max(1, (len(self.cameras) + 1) // PROBES)][:PROBES]
-        return [_small(camera) for camera in chosen]
+        return [shrunk_to(camera, PROBE_SIDE) for camera in chosen]
 
     @cached_property
     def scores(self) -> Float[Tensor, " n"]:
@@ -162,13 +162,6 @@ def evenly(every: int, most: int) -> list[int]:
     """At most ``most`` of ``every`` places, in the middles of parts of equal length."""
     count = min(most, every)
     return [round((index + 0.5) * every / count - 0.5) for index in range(count)]
-
-
-def _small(camera: Cameras) -> Cameras:
-    """The same view with at most ``PROBE_SIDE`` pixels along its longer side."""
-    factor = min(1.0, PROBE_SIDE / max(camera.width, camera.height))
-    size = (max(1, round(side * factor)) for side in (camera.width, camera.height))
-    return camera.resized(*size)
 
 
 @dataclass(frozen=True)

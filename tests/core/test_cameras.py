@@ -6,7 +6,7 @@ import pytest
 import torch
 from support.scenes import front_camera
 
-from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.cameras import CameraModel, Cameras, shrunk_to
 
 
 def three() -> Cameras:
@@ -67,3 +67,13 @@ def test_cameras_that_differ_in_what_is_known_cannot_be_joined():
     with pytest.raises(ValueError, match="time") as caught:
         Cameras.cat([three(), front_camera()])
     assert str(caught.value) == "some of the cameras have 'time' and some do not"
+
+
+def test_views_shrink_to_a_longest_side_and_never_grow():
+    cameras = front_camera(400, 30)
+    small = shrunk_to(cameras, 10)
+    assert (small.width, small.height) == (10, 1), "no side vanishes"
+    assert torch.equal(small.intrinsics, cameras.resized(10, 1).intrinsics)
+    same = shrunk_to(cameras, 500)
+    assert (same.width, same.height) == (400, 30)
+    assert torch.equal(same.intrinsics, cameras.intrinsics)
