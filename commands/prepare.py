@@ -118,11 +118,13 @@ def run(tokens: list[str]) -> int:
     """Prepare a data set, examine it, and print the findings; train it where that is asked for."""
     options, following = read_both("prepare", PrepareOptions, tokens)
     inputs = _inputs(options)
-    _check_colmap()
-    cpu_resources_of(options)
 
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.progress import load_torch
 
+    load_torch()
+    _check_colmap()
+    cpu_resources_of(options)
     console = Console(options.json or (following is not None and parse(following).flag("json")))
     for path in inputs:
         _check_exists(path)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.console import Console
 from gsfw.core.notebook import is_notebook
 from gsfw.core.progress import Advance, stage
+from gsfw.core.words import duration, rough_duration
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -98,10 +99,11 @@ class _Counter:
     def __str__(self) -> str:
         seconds = self.seconds
         if not self.total:
-            return f"{self.name}: {seconds:.0f} s so far"
-        left = seconds * (self.total - self.done) / self.done if self.done else 0.0
-        hint = f", about {left:.0f} s left" if self.done else ""
-        return f"{self.name}: {self.done} of {self.total}{hint}"
+            return f"{self.name}: {duration(seconds)} so far"
+        if not 0 < self.done < self.total:  # Nothing to estimate from, or the end of the stage.
+            return f"{self.name}: {self.done} of {self.total}"
+        left = rough_duration(seconds * (self.total - self.done) / self.done)
+        return f"{self.name}: {self.done} of {self.total}, about {left} left"
 
 
 def _new_bars() -> Bars:

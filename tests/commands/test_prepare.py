@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import contextmanager
 
 import numpy as np
 import pycolmap
@@ -20,6 +21,7 @@ from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.progress import shown_by
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.point_file import read_points
 from gsfw.preparation import native
@@ -278,6 +280,19 @@ def test_a_vocabulary_is_looked_at_before_anything_is_computed(tmp_path, capsys)
         capsys, tmp_path / "a", f"out={out}", f"vocabulary={words}"
     )
     assert not (out / "work" / "database.db").exists()
+
+
+def test_the_loading_of_torch_is_shown(tmp_path):
+    names = []
+
+    @contextmanager
+    def record(name, total):
+        names.append(name)
+        yield lambda done: None
+
+    with shown_by(record), pytest.raises(DataError, match="no such file or folder"):
+        prepare.run([str(tmp_path / "nowhere")])
+    assert names == ["loading torch"]
 
 
 def test_a_missing_colmap_is_told_with_what_to_do(tmp_path, capsys, monkeypatch):

@@ -78,3 +78,14 @@ def test_a_stage_of_unknown_length_says_for_how_long_it_has_run(monkeypatch, cap
         while "\n" not in stream.getvalue():
             threading.Event().wait(0.005)
     assert stream.getvalue() == "loading torch: 0 s so far\n"
+
+
+def test_long_times_have_their_largest_unit_and_the_last_item_has_no_time_left():
+    counter = progress._Counter("reading images", 4)
+    counter._started -= 200
+    counter.advance(1)
+    assert str(counter) == "reading images: 1 of 4, about 10 min left"
+    counter.advance(4)
+    assert str(counter) == "reading images: 4 of 4"
+    counter.total = 0
+    assert str(counter) == "reading images: 3 min 20 s so far"
