@@ -11,7 +11,10 @@ from typing import Any
 from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.mirror import local_place
+from gsfw.core.files.prepared_folder import REPORT, is_begun
+from gsfw.core.files.reading import is_file
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.words import shell_argument
 from gsfw.plugins.initial_splats import refuse_splats
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
@@ -60,6 +63,7 @@ def choose_datamanager(data: str, registry: Registry, most: int | None = None) -
     if not recognised:
         refuse_run(path, f"data={path}", "data set")
         with _readable(path):
+            _refuse_unprepared(path)
             raise DataError(*_unrecognised(path, detections))
     best = max(recognised, key=lambda name: detections[name].priority)
     others = [name for name in recognised if name != best]
@@ -116,6 +120,26 @@ def refuse_run(path: Path, named: str, wanted: str) -> None:
         f"Give the data set that it was trained on: {data}"
         if data
         else f"It was trained on datamanager={reader}, without data.",
+    )
+
+
+def _refuse_unprepared(path: Path) -> None:
+    """Refuse a folder of ``gsfw prepare`` that has no data set; anything else passes.
+
+    Raises:
+        DataError: it is such a folder.
+    """
+    if not is_begun(path):
+        return
+    if is_file(path / REPORT):
+        raise DataError(
+            f"data={path}: this result of gsfw prepare has no cameras.",
+            f"{path / REPORT} has the reason for each image. Take more photos, and give "
+            "all of them to gsfw prepare.",
+        )
+    raise DataError(
+        f"data={path}: gsfw prepare has not finished this data set.",
+        f"Repeat its command, which continues: gsfw prepare INPUT out={shell_argument(path)}",
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,6 +9,7 @@ from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.reading import followed
+from gsfw.core.files.prepared_folder import is_begun
 from gsfw.core.words import suggestion
 from gsfw.datamanagers.camera_sequence import in_order
 from gsfw.datamanagers.detection import PHOTOS, VIDEOS
@@ -25,10 +25,6 @@ NOISE = ("__macosx", "@eadir", "thumbs.db", "desktop.ini")
 
 THUMBNAIL = ".thm"
 """Extension of the small JPEG that cameras write beside a video."""
-
-RESULTS = ("prepare.json", "work/stages.json")
-"""One of them lies in every folder that a preparation has made, or begun to make."""
-
 
 LONGEST = 200
 """Bytes of a name; disks take 255, and some of what is written has a little more to its name."""
@@ -95,7 +91,7 @@ class InputFiles:
     def _start(self, root: Path, seen: set[Path]) -> Path:
         """The folder itself, or the one in it that holds a data set's images."""
         items = _listed(root)
-        if _is_result(root) and root / "images" in items:
+        if is_begun(root) and root / "images" in items:
             # The contact sheet lies beside them.
             self.notes.append(f"{root}: only images/ is used, as it is a result of gsfw prepare")
             return root / "images"
@@ -126,7 +122,7 @@ class InputFiles:
                     yield item
             elif followed(item) in seen:
                 continue
-            elif _is_result(item):
+            elif is_begun(item):
                 self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
             elif item.name.lower() == MASKS:
                 self.notes.append(f"{item} is not used: by its name, it holds masks")
@@ -203,14 +199,9 @@ def _holds_footage(path: Path) -> bool:
     """True if it is a folder with images or videos that are neither masks nor results."""
     if not path.is_dir() or _is_noise(path.name) or path.name.lower() == MASKS:
         return False
-    if _is_result(path):
+    if is_begun(path):
         return False
     return any(_is_footage(item) for item in path.rglob("*"))
-
-
-def _is_result(folder: Path) -> bool:
-    # A folder that may not be searched is told of when it is listed.
-    return any(os.path.isfile(folder / name) for name in RESULTS)
 
 
 def _is_noise(name: str) -> bool:

@@ -12,6 +12,7 @@ from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors, without_new_folders
 from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
 from gsfw.core.files.reading import followed
+from gsfw.core.files.prepared_folder import JOURNAL, REPORT
 
 OTHERS = "another gsfw prepare"
 
@@ -38,7 +39,7 @@ class Workspace:
     @property
     def report(self) -> Path:
         """The report for programs."""
-        return self.path / "prepare.json"
+        return self.path / REPORT
 
     @property
     def sheet(self) -> Path:
@@ -53,7 +54,7 @@ class Workspace:
     @property
     def journal(self) -> Path:
         """The finished stages."""
-        return self.work / "stages.json"
+        return self.path / JOURNAL
 
     @property
     def frames(self) -> Path:

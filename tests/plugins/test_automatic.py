@@ -107,6 +107,22 @@ def test_nothing_recognised_lists_what_was_looked_for_and_what_is_there(tmp_path
     )
 
 
+def test_a_preparation_that_is_not_finished_or_has_no_cameras_is_named(tmp_path):
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work" / "stages.json").touch()
+    assert data_refusal(tmp_path) == (
+        f"data={tmp_path}: gsfw prepare has not finished this data set.\n"
+        f"Repeat its command, which continues: gsfw prepare INPUT out={tmp_path}"
+    )
+    (tmp_path / "prepare.json").touch()
+    (tmp_path / "hint").touch()
+    assert data_refusal(tmp_path) == (
+        f"data={tmp_path}: this result of gsfw prepare has no cameras.\n"
+        f"{tmp_path / 'prepare.json'} has the reason for each image. Take more photos, and give "
+        "all of them to gsfw prepare."
+    )
+
+
 def test_what_a_format_found_instead_is_said_first_and_once(tmp_path):
     (tmp_path / "hint").touch()
     assert data_refusal(tmp_path) == (
