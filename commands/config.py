@@ -27,9 +27,8 @@ def run(tokens: list[str]) -> int:
     if arguments.flag("help"):
         raise HelpRequested(paragraphs(HELP))
     if arguments.words[:1] != ("show",):
-        raise ConfigError(
-            "gsfw config: the action is missing.", "Write gsfw config show method=NAME."
-        )
+        cause = f"no action {arguments.words[0]!r}" if arguments.words else "no action is given"
+        raise ConfigError(f"gsfw config: {cause}.", "Write gsfw config show method=NAME.")
     arguments = replace(arguments, words=arguments.words[1:])
     settings = read_settings(arguments, installed())
     from gsfw.planning.asked import asked_of, spelled_out

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, positional
 from gsfw.commands.interface.format_options import read_with_format
+from gsfw.core.files.folder_name import names_folder
 from gsfw.core.files.reading import bytes_of, followed
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
@@ -66,9 +67,10 @@ def run(arguments: list[str]) -> int:
     from gsfw.plugins.registry import installed
 
     registry, console = installed(), Console(options.json)
-    form = options.format or _format_of(Path(options.out), registry)
+    form = options.format or _format_of(options.out, registry)
     exporter = make_exporter(form, registry, given)
-    check_suffix(Path(options.out), form, exporter, registry)
+    if not names_folder(options.out):
+        check_suffix(Path(options.out), form, exporter, registry)
     found = find_run(options.source, console.say, splats=True, lead="IN is")
     _check_fit(options, form, exporter, found)
     check_sh_degree(options.sh_degree, form, exporter)
@@ -101,7 +103,7 @@ def _check_fit(options: ConvertOptions, form: str, exporter: Exporter, found: Ru
         )
 
 
-def _format_of(out: Path, registry: Registry) -> str:
+def _format_of(target: str, registry: Registry) -> str:
     """The format that writes files with the suffix of OUT.
 
     Raises:
@@ -110,10 +112,11 @@ def _format_of(out: Path, registry: Registry) -> str:
     from gsfw.core.errors import ConfigError
     from gsfw.plugins.exporters import format_of, writable_suffixes
 
-    form = None if out.is_dir() else format_of(out, registry)
+    out, is_folder = Path(target), names_folder(target)
+    form = None if is_folder else format_of(out, registry)
     if form is None:
         cause = f"no format ends in {out.suffix.lower()!r}" if out.suffix else "it has no suffix"
-        cause = "it is a folder" if out.is_dir() else cause
+        cause = "it is a folder" if is_folder else cause
         raise ConfigError(
             f"{out}: the format of OUT is not known, since {cause}.",
             f"Suffixes that can be written: {writable_suffixes(registry)}. Or give the format: "
@@ -131,7 +134,7 @@ def _target(options: ConvertOptions, exporter: Exporter, found: RunArgument) -> 
     from gsfw.core.errors import ConfigError
 
     out, source = Path(options.out), found.splat_file or found.model_file or found.folder.path
-    if out.is_dir() and not exporter.is_folder:
+    if names_folder(options.out) and not exporter.is_folder:
         out = out / f"{source.name.partition('.')[0]}{exporter.suffix}"
     place, origin = followed(out), followed(source)
     is_input = out.exists() and out.samefile(source)

@@ -10,6 +10,7 @@ from gsfw.commands.interface.arguments import RunOptions
 from gsfw.commands.interface.export_options import PLY
 from gsfw.commands.interface.export_times import ALL, parse_times
 from gsfw.commands.interface.format_options import read_with_format
+from gsfw.core.files.folder_name import names_folder
 from gsfw.core.files.reading import bytes_of
 from gsfw.core.progress import stage, tracked
 from gsfw.core.ranges import number
@@ -91,7 +92,7 @@ def run(arguments: list[str]) -> int:
     registry = installed()
     options = replace(options, format=format_of_file(options, registry))
     exporter = make_exporter(options.format, registry, given)
-    if options.out and not options.times:
+    if options.out and not options.times and not names_folder(options.out):
         check_suffix(Path(options.out), options.format, exporter, registry)
     check_format(options, exporter.holds)
     check_sh_degree(options.sh_degree, options.format, exporter)
@@ -294,10 +295,12 @@ class _Export:
 
     def _path(self, content: str) -> Path:
         """Path of the file, or of the folder that a format is."""
-        out = Path(self.options.out) if self.options.out else self.found.folder.path
+        given = self.options.out
+        out = Path(given) if given else self.found.folder.path
         if self.exporter.is_folder:
-            return out if self.options.out else out / self._name(self.options.format)
-        return out / f"{self._name(content)}{self.exporter.suffix}" if out.is_dir() else out
+            return out if given else out / self._name(self.options.format)
+        name = f"{self._name(content)}{self.exporter.suffix}"
+        return out / name if not given or names_folder(given) else out
 
     def _say(self, content: str, path: Path) -> int:
         """Print the content and the path of a file or folder; return its size in bytes."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, changed_place, positionals, read_options
+from gsfw.core.files.folder_name import names_folder
 from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ class ReportOptions(Options):
     runs: tuple[str, ...] = positionals("RUN...")
     """Run folders, checkpoints, or latest. Several are compared."""
     out: str = ""
-    """File to write. Empty: report.html in the run; comparison.html here for several runs."""
+    """File to write, or a folder for it. Empty: report.html in the run; comparison.html here for
+    several runs."""
     views: int = number(9, at_least=1, at_most=18)
     """Maximum number of views with images: the worst, the median and the best. In a comparison at
     most 6, those that differ most."""
@@ -76,7 +78,7 @@ def run(arguments: list[str]) -> int:
     rule = DrawingRule(options.views, options.frames, choose_error(options.error))
     with other_place("another place with out=FILE"):
         if len(found) == 1:
-            out = Path(options.out) if options.out else None
+            out = _page(options.out, found[0].folder.report.name) if options.out else None
             opened = _open(found[0], options, console)
             path = write_run_report(found[0].folder, opened, rule, out)
         else:
@@ -86,6 +88,11 @@ def run(arguments: list[str]) -> int:
     console.say(f"open it in a browser: {path.resolve().as_uri()}")
     console.result({"runs": [item.name for item in found], "report": str(path), "bytes": count})
     return 0
+
+
+def _page(out: str, name: str) -> Path:
+    """The path of the page: ``out``, or the name in it if it is a folder, or in the current one."""
+    return Path(out, name) if not out or names_folder(out) else Path(out)
 
 
 def _compare(
@@ -98,7 +105,7 @@ def _compare(
     check_count(len(found))
     runs = [(read_run(item.folder), _open(item, options, console)) for item in found]
     limited = min(options.views, MOST_COMPARED)
-    return write_comparison(runs, replace(rule, views=limited), Path(options.out or COMPARISON))
+    return write_comparison(runs, replace(rule, views=limited), _page(options.out, COMPARISON))
 
 
 def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opened:

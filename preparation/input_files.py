@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
-from gsfw.core.files.reading import followed
 from gsfw.core.files.prepared_folder import is_begun
+from gsfw.core.files.reading import followed
 from gsfw.core.words import suggestion
 from gsfw.datamanagers.camera_sequence import in_order
 from gsfw.datamanagers.detection import PHOTOS, VIDEOS

@@ -11,8 +11,8 @@ from pathlib import Path
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors, without_new_folders
 from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
-from gsfw.core.files.reading import followed
 from gsfw.core.files.prepared_folder import JOURNAL, REPORT
+from gsfw.core.files.reading import followed
 
 OTHERS = "another gsfw prepare"
 

@@ -10,6 +10,7 @@ from gsfw.commands.edit.verb import EditOptions
 from gsfw.commands.interface.runs import RunArgument
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, Holds
+from gsfw.core.files.folder_name import names_folder
 from gsfw.plugins.exporters import check_suffix, format_of, make_exporter, writable_suffixes
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
@@ -64,7 +65,7 @@ class Output:
         _check_content(form, exporter)
         path = Path(options.out) if options.out else _beside(found, exporter.suffix, registry)
         check_suffix(path, form, exporter, registry)
-        _check_place(path, found)
+        _check_place(options.out, path, found)
         return Output(path, form, exporter)
 
 
@@ -79,8 +80,7 @@ def _form(options: EditOptions, found: RunArgument, moves: bool, registry: Regis
     if not options.out:
         return _same_form(found, moves, registry)
     out = Path(options.out)
-    if out.is_dir():
-        raise ConfigError(f"out={out} is a folder.", f"Name the file: out={out / 'edited.ply'}")
+    _check_file(options.out)
     form = format_of(out, registry)
     if form is None:
         raise ConfigError(
@@ -120,14 +120,29 @@ def _check_content(form: str, exporter: Exporter) -> None:
         )
 
 
-def _check_place(path: Path, found: RunArgument) -> None:
+def _check_file(given: str) -> None:
+    """Check that a path does not name a folder.
+
+    Raises:
+        ConfigError: it does.
+    """
+    if names_folder(given):
+        path = Path(given)
+        raise ConfigError(f"out={path} is a folder.", f"Name the file: out={path / 'edited.ply'}")
+
+
+def _check_place(out: str, path: Path, found: RunArgument) -> None:
     """Check that a path is a file other than the input.
+
+    Args:
+        out: the path as it is given; empty if none is.
+        path: the path of the file.
+        found: the input.
 
     Raises:
         ConfigError: it is a folder, or the input.
     """
-    if path.is_dir():
-        raise ConfigError(f"out={path} is a folder.", f"Name the file: out={path / 'edited.ply'}")
+    _check_file(out or str(path))
     given = found.splat_file or found.model_file or found.checkpoint
     if given is not None and path.exists() and path.samefile(given):
         raise ConfigError(

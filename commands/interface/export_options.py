@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.files.folder_name import names_folder
 
 if TYPE_CHECKING:
     from gsfw.commands.export import ExportOptions
@@ -38,7 +39,7 @@ def format_of_file(options: ExportOptions, registry: Registry) -> str:
     from gsfw.plugins.exporters import format_for, format_of
 
     out = Path(options.out)
-    is_file = bool(out.suffix) and not out.is_dir()
+    is_file = bool(out.suffix) and not names_folder(options.out)
     form = format_of(out, registry) if is_file else None
     if options.times and form is not None and not options.format:
         raise ConfigError(

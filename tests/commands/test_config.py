@@ -28,7 +28,9 @@ def test_for_programs_it_is_a_mapping(capsys):
 def test_what_to_do_has_to_be_said(capsys):
     assert main(["config"]) == 2
     assert capsys.readouterr().err == (
-        "error: gsfw config: the action is missing.\nWrite gsfw config show method=NAME.\n"
+        "error: gsfw config: no action is given.\nWrite gsfw config show method=NAME.\n"
     )
+    assert main(["config", "shw"]) == 2
+    assert capsys.readouterr().err.startswith("error: gsfw config: no action 'shw'.\n")
     assert main(["config", "--help"]) == 0
     assert capsys.readouterr().out.startswith("usage: gsfw config show method=NAME")

@@ -223,6 +223,9 @@ def test_a_folder_as_out_takes_the_name_of_the_input(source, tmp_path, capsys):
     (tmp_path / "there").mkdir()
     found = converted(capsys, source, "there", "format=ply", "check=false")
     assert found["written"] == "there/in.ply"
+    found = converted(capsys, source, "new.ply/", "format=splat", "check=false")
+    assert found["written"] == "new.ply/in.splat"
+    assert "since it is a folder" in refusal(capsys, source, "new/")
 
 
 @pytest.mark.parametrize("out", ["circle.ply", "circle.ply/a.ply"])

@@ -94,6 +94,7 @@ def test_the_input_is_never_written_to(ply, tmp_path, capsys):
     said = refusal(capsys, ply, "scale=2", f"out={ply}")
     assert "is the input, which is never changed" in said
     assert "is a folder" in refusal(capsys, ply, "scale=2", f"out={tmp_path}")
+    assert "new is a folder" in refusal(capsys, ply, "scale=2", "format=ply", "out=new/")
     assert "nothing writes splats or models" in refusal(capsys, ply, f"out={tmp_path / 'a.xyz'}")
     assert "there is nothing to do" in refusal(capsys, ply)
     assert "over_time=all" in refusal(capsys, ply, "over_time=all", f"out={tmp_path / 'a.ply'}")

@@ -151,6 +151,11 @@ def test_a_checkpoint_and_a_folder_are_named_after_the_step(run, tmp_path, capsy
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["splats_000000020.ply"]
 
 
+def test_a_slash_at_the_end_of_out_makes_a_folder(run, tmp_path):
+    assert main(["export", str(run), "format=splat", f"out={tmp_path / 'v1.5'}/"]) == 0
+    assert [path.name for path in (tmp_path / "v1.5").iterdir()] == ["splats.splat"]
+
+
 def test_a_step_without_a_checkpoint_lists_those_there_are(run, capsys):
     assert main(["export", str(run), "step=7"]) == 2
     steps = sorted(int(p.stem[5:]) for p in RunFolder(run).checkpoints.iterdir())

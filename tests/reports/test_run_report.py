@@ -194,6 +194,14 @@ def test_a_page_for_another_place_is_written_where_the_run_cannot_be_written_to(
     assert "Choose another place with out=FILE.\n" in capsys.readouterr().err
 
 
+def test_a_page_goes_into_the_folder_that_is_given(own_run):
+    given = ["report", str(own_run), "images=stored", f"out={own_run.with_name('sent')}/"]
+    assert main(given) == 0
+    assert main(["report", str(own_run), *given[1:]]) == 0
+    names = sorted(path.name for path in own_run.with_name("sent").iterdir())
+    assert names == ["comparison.html", PAGE]
+
+
 def test_an_image_that_goes_while_the_page_is_drawn_costs_images_and_not_the_page(
     own_run, monkeypatch
 ):
