@@ -1,7 +1,23 @@
 """gsfw: Gaussian splatting, static and dynamic.
 
-``import gsfw`` imports no torch: what is named here is loaded when it is first used. Plugins import
-from ``gsfw.api``, which has these names and all others.
+    train       train a method on a data set; returns a Run
+    open        a Run by its folder, a checkpoint in it, or "latest"
+    load        a Model, from a file of splats, a model file or a run
+    render      images of splats or of a Model; differentiable
+
+    Run         a training: figures, evaluation, cameras, renders, export, resume
+    Model       a trained model, or the splats of a file
+    Cameras     poses and intrinsics; Cameras.look_at, Cameras.from_matrices
+    Splats, Sh  Gaussians, and their view-dependent colours
+    RenderOutput                color, alpha, depth of rendered images
+    UserError                   base class of the next five
+    ConfigError, DataError      a wrong setting; wrong data
+    OutputError, TrainingError  results that cannot be written; a training that cannot continue
+    UnavailableError            a part that cannot run on this machine
+
+``help(gsfw.train)`` describes one. ``import gsfw`` imports no torch: these names are loaded when
+they are first used. Plugins import from ``gsfw.api``, which has these names and all others, in
+groups: ``help("gsfw.api.training")``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Tests of package/gsfw/__init__.py, from which the build makes the package's own module."""
 
 import ast
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -45,6 +46,12 @@ def test_every_name_is_that_of_the_public_interface():
         assert getattr(module, name) is getattr(interface, name), name
     with pytest.raises(AttributeError, match="module 'gsfw' has no attribute 'trian'"):
         _ = module.trian
+
+
+def test_the_help_of_the_package_has_every_name():
+    module = package()
+    described = set(re.findall(r"[\w.]+", module.__doc__))
+    assert set(dir(module)) - {"__version__"} <= described
 
 
 def test_type_checkers_see_every_name():

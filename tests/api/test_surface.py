@@ -1,6 +1,7 @@
 """The public interface changes on purpose only: tests/api/surface.txt has all of it."""
 
 import ast
+import re
 from collections import Counter
 
 import pytest
@@ -70,6 +71,14 @@ def test_every_public_name_is_documented():
     values = {name: getattr(api, name) for name in dir(api)}
     bare = [name for name, value in values.items() if callable(value) and not value.__doc__]
     assert bare == []
+
+
+def test_every_public_name_is_on_a_page_or_in_an_example():
+    root = SURFACE.parents[2]
+    pages = [root / "README.md", *(root / "docs").rglob("*.md"), *(root / "docs").rglob("*.py")]
+    pages += (root / "examples").rglob("*.py")
+    words = {word for page in pages for word in re.findall(r"\w+", page.read_text("utf-8"))}
+    assert public_surface.public_names() - words == set()
 
 
 def test_every_class_in_a_public_signature_is_public_or_only_received():
