@@ -79,7 +79,7 @@ class TrainingView:
     rendered: Float[Tensor, "h w 3"]
     """Not clamped."""
     left_out: Bool[Tensor, "h w 1"] | None = None
-    """True for pixels of a distractor; ``None`` in steps that leave none out."""
+    """True for pixels of a distractor; ``None`` while none are sought."""
 
 
 @dataclass(frozen=True)

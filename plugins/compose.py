@@ -24,7 +24,7 @@ from gsfw.core.config import (
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.corrections import CaptureCorrections
-from gsfw.core.loop.distractors import Distractors
+from gsfw.core.loop.distractors import PROTOCOL, Distractors
 from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.goal import Goal
 from gsfw.core.loop.optimizer import Optimizer
@@ -104,6 +104,7 @@ class Composition:
             "checkpoint": "last",
             **(TIME_PROTOCOL if self.scene.is_dynamic else {}),
             **self.parts.corrections.protocol(),
+            **(PROTOCOL if self.parts.distractors is not None else {}),
         }
 
     def shared_by(self, team: Team) -> Composition:

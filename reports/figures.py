@@ -55,6 +55,8 @@ def _quality(record: RunRecord) -> list[Markup]:
     ]
     moving = record.baseline("constant_moving_psnr")
     trained = "of some training views"
+    if "distractors" in record.protocol:
+        trained += ", without distractors"
     step = record.evaluated_step
     if step is not None and not record.is_finished:
         levels = [f"after step {step:,}"]

@@ -25,7 +25,7 @@ MARGIN, GAP = "  ", "   "
 LEAST_REMARK = 24
 """Columns of a remark below which it is not wrapped, but left to the terminal."""
 
-FIRST_METRICS = ("psnr", "ssim", "moving_psnr")
+FIRST_METRICS = ("psnr", "kept_psnr", "ssim", "moving_psnr")
 """Metrics at the top of the table; others follow."""
 
 
@@ -58,6 +58,7 @@ def quality_rows(
     remarks = {"psnr": "; ".join([f"mean of {views}", *others])}
     moving = baselines.get("constant_moving_psnr")
     remarks["color_corrected_psnr"] = "each render's colours fitted to its photo first"
+    remarks["kept_psnr"] = "of the pixels that ignore_distractors=true keeps"
     remarks["moving_psnr"] = "of the moving region"
     if isinstance(moving, float):
         remarks["moving_psnr"] += f"; one colour has {moving:.2f} dB there"

@@ -10,12 +10,15 @@ masks for the same reason).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, max_pool2d
+
+from gsfw.core.batch import Batch
+from gsfw.core.render_output import RenderOutput
 
 CELLS = 48
 """Cells along the shorter side of an image: a distractor has at least a few of them."""
@@ -35,6 +38,14 @@ COVERED = 0.9
 WHOLE = 0.3
 """Part of the steps that use whole images. With less, surfaces that no splats show yet take too
 long, and clean captures lose quality (``benchmarks/distractors.py --shares 0``)."""
+KEPT_PSNR = "kept_psnr"
+"""PSNR of a held-out image over the pixels that would be kept of a training image."""
+PROTOCOL = {
+    "distractors": "not sought in psnr and ssim, which count held-out images whole",
+    KEPT_PSNR: "as psnr, of the pixels that ignore_distractors=true would keep of a training image",
+    "training_psnr": "as psnr, of the pixels of some training images that are kept",
+}
+"""Definitions of the figures of a run that leaves distractors out."""
 GOLDEN = 0.6180339887498949
 """Multiples of this are spread evenly between integers, whatever the order of the views."""
 
@@ -50,6 +61,19 @@ class Distractors:
         """True if ``step``, counted from 0, leaves distractors out."""
         return step >= self.start and step * GOLDEN % 1.0 >= WHOLE
 
+    def without(
+        self, batch: Batch, rendered: RenderOutput, target: Float[Tensor, "c h w 3"]
+    ) -> Batch:
+        """The batch with its distractors left out.
+
+        Args:
+            batch: images of any split.
+            rendered: the scene, with the exposures of the images if they are known.
+            target: the images, over the same background.
+        """
+        counted = comparable(rendered.alpha, batch.coverage, batch.valid)
+        return replace(batch, left_out=self.found(rendered.color, target, counted))
+
     @torch.no_grad()
     def found(
         self,
@@ -64,9 +88,10 @@ class Distractors:
             target: the images, over the same background.
             counted: pixels that can be compared; ``None``: all.
         """
-        difference = (rendered - target).permute(0, 3, 1, 2)
+        # Planes of one channel are masked and averaged several times as fast as pixels of three.
+        difference = (rendered - target).permute(0, 3, 1, 2).contiguous()
         if counted is not None:
-            difference = torch.where(counted.permute(0, 3, 1, 2), difference, 0.0)
+            difference *= counted.permute(0, 3, 1, 2).to(difference.dtype)
         height, width = target.shape[1:3]
         cell = max(2, round(min(height, width) / CELLS))
         means = avg_pool2d(difference, cell, cell, ceil_mode=True, count_include_pad=False)

@@ -17,10 +17,11 @@ from gsfw.core.context import ViewContext
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.device import wait_for
+from gsfw.core.loop.distractors import KEPT_PSNR, Distractors
 from gsfw.core.loop.findings import Finding
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.method import Method
-from gsfw.core.metrics import Metric, is_one_color
+from gsfw.core.metrics import Metric, is_one_color, psnr
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
@@ -141,7 +142,7 @@ def evaluate(
     watch = None
     if data.scene.is_dynamic and views.times:
         watch = OverTime(data, split, settings.background, device, metrics)
-    comparison = _Comparison(metrics, watch, baselines, method)
+    comparison = _Comparison(metrics, watch, baselines, method, parts.distractors)
     order = spread(range(len(views)) if watch is None else watch.order(), most)
     per_view: dict[int, Mapping[str, float]] = {}
     durations: list[float] = []
@@ -183,9 +184,11 @@ class _Comparison:
         watch: OverTime | None,
         baselines: Baselines | None,
         method: Method | None,
+        distractors: Distractors | None,
     ) -> None:
         self._metrics, self._watch = metrics, watch
         self._baselines, self._method = baselines, method
+        self._distractors = distractors
         self._one_color = 0
 
     def compare(self, index: int, context: ViewContext) -> dict[str, float]:
@@ -196,6 +199,10 @@ class _Comparison:
         moving = None if self._watch is None else self._watch.moving(index)
         if self._watch is not None:
             figures |= self._watch.compare(index, image, target, valid, moving)
+        if self._distractors is not None:
+            kept = self._distractors.without(context.batch, context.rendered, context.target)
+            assert kept.valid is not None
+            figures[KEPT_PSNR] = psnr(image, target, kept.valid[0])
         if self._baselines is not None:
             counted = moving if moving is None or valid is None else moving & valid
             self._baselines.compare(index, target, valid, counted)

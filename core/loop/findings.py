@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from gsfw.core.loop.distractors import KEPT_PSNR
 from gsfw.core.scene import Scene
 from gsfw.core.words import shell_argument
 
@@ -190,7 +191,8 @@ def _motion_not_found(evidence: Evidence) -> Finding | None:
 
 
 def _overfitting(evidence: Evidence) -> Finding | None:
-    training, psnr = evidence.evaluation.training_psnr, evidence.figure("psnr")
+    training, kept = evidence.evaluation.training_psnr, evidence.figure(KEPT_PSNR)
+    psnr = evidence.figure("psnr") if kept is None else kept
     if training is None or psnr is None or training - psnr < GAP:
         return None
     remedies = ["more views"]

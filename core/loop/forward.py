@@ -16,7 +16,6 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.distractors import comparable
 from gsfw.core.loop.evaluation import by_view
 from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
@@ -106,7 +105,8 @@ class Forward:
 
         shown = parts.corrections.expose(rendering.output, batch, background)
         target = batch.target(background)
-        batch = self._without_distractors(batch, shown, target, step)
+        if parts.distractors is not None and parts.distractors.are_left_out(step):
+            batch = parts.distractors.without(batch, shown, target)
 
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
             return by_view(parts.shown, cameras, lambda seen: parts.render(seen, bare, time).output)
@@ -129,17 +129,6 @@ class Forward:
             contributions=contributions,
         )
         return self._with_losses(context, rendering.parts)
-
-    def _without_distractors(
-        self, batch: Batch, rendered: RenderOutput, target: Tensor, step: int
-    ) -> Batch:
-        """The batch with the pixels of distractors left out, in steps that do so."""
-        distractors = self._parts.distractors
-        if distractors is None or not distractors.are_left_out(step):
-            return batch
-        counted = comparable(rendered.alpha, batch.coverage, batch.valid)
-        left_out = distractors.found(rendered.color, target, counted)
-        return replace(batch, left_out=left_out)
 
     def absent(self, view: int, step: int, share: float) -> StepContext:
         """The context of a view that another process has rendered: without images and splats."""

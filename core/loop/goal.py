@@ -83,14 +83,15 @@ class Goal:
 
 
 @torch.no_grad()
-def mean_psnr(parts: TrainingParts, plan: TrainingPlan, views: Sequence[int]) -> float:
-    """Mean PSNR of some training views at full size, in dB."""
+def mean_psnr(parts: TrainingParts, plan: TrainingPlan, step: int, views: Sequence[int]) -> float:
+    """Mean PSNR of some training views at full size after ``step`` steps, in dB."""
     settings = plan.settings
     assert settings.background is not None
     found = []
     for view in views:
         (batch,) = parts.data.load(Split.TRAIN, [view], parts.device)
         output = parts.render(batch.cameras, settings, batch.time).output
+        batch = parts.compared(batch, output, settings.background, step)
         valid = None if batch.valid is None else batch.valid[0]
         found.append(psnr(output.color[0], batch.target(settings.background)[0], valid))
     return sum(found) / len(found)

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from gsfw.core.batch import Batch
 from gsfw.core.callback import StepReport, TrainingView
+from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Views
+from gsfw.core.loop.distractors import Distractors
 from gsfw.core.loop.forward import RenderedBatch, shared_losses, without_data
 from gsfw.core.loop.memory import peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -63,9 +66,9 @@ class StepReports:
         if not team.leads:
             return None
         context = rendered[0].context
-        left_out = context.batch.left_out
-        valid = None if context.batch.valid is None else context.batch.valid[0]
-        name = self._names[context.batch.views[0]]
+        batch = _without_distractors(context, parts.distractors)
+        left_out = batch.left_out
+        valid = None if batch.valid is None else batch.valid[0]
         step_ms, stage_ms = self._stopwatch.read()
         report = StepReport(
             step=step,
@@ -81,7 +84,7 @@ class StepReports:
             resolution=self.resolution(rendered[0]),
             refined=dict(self._refined),
             view=TrainingView(
-                name,
+                self._names[batch.views[0]],
                 context.target[0],
                 context.rendered.color[0].detach(),
                 None if left_out is None else left_out[0],
@@ -90,6 +93,14 @@ class StepReports:
         )
         self._refined.clear()
         return report
+
+
+def _without_distractors(context: StepContext, distractors: Distractors | None) -> Batch:
+    """The images of a step, also of one that uses whole images: it is reported like the others."""
+    batch = context.batch
+    if distractors is None or context.step < distractors.start or batch.left_out is not None:
+        return batch
+    return distractors.without(batch, context.rendered, context.target)
 
 
 def _summed(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:

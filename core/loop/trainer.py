@@ -135,7 +135,7 @@ class Trainer:
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
         resolution = self._reports.resolution(rendered[0]) if rendered else 1.0
-        look = partial(mean_psnr, self.parts, self.plan)
+        look = partial(mean_psnr, self.parts, self.plan, self.step)
         self.walk.decide(self.step, self.plan.steps, len(self.parts.table), resolution, look)
 
     def _update(self) -> list[RenderedBatch]:

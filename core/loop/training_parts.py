@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.corrections import CaptureCorrections
@@ -21,6 +22,7 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.returns import checked_decode
 from gsfw.core.sampler import Sampler
@@ -96,6 +98,22 @@ class TrainingParts:
         source = f"{type(self.shown).__name__}.decode"
         output = checked_decode(source, self.shown.decode(found.output, cameras), len(cameras))
         return replace(found, output=output)
+
+    def compared(
+        self, batch: Batch, rendered: RenderOutput, background: Float[Tensor, " 3"], step: int
+    ) -> Batch:
+        """Training images for a comparison after ``step`` steps: without distractors.
+
+        Args:
+            batch: of training views, at their full size.
+            rendered: the scene, without exposures.
+            background: of both.
+            step: number of finished steps; none are left out before they are sought.
+        """
+        if self.distractors is None or step <= self.distractors.start:
+            return batch
+        exposed = self.corrections.expose(rendered, self.corrections.numbered(batch), background)
+        return self.distractors.without(batch, exposed, batch.target(background))
 
     @property
     def refined(self) -> PrimitiveModel:

@@ -62,7 +62,7 @@ class Verdict:
         held_out = bool(evaluation.views) and self._split is Split.EVAL
         sampled = evaluation
         if self._split is Split.EVAL:
-            sampled = self._training_views(None if held_out else self._of_training)
+            sampled = self._training_views(step, None if held_out else self._of_training)
             evaluation = replace(evaluation, training_psnr=sampled.means["psnr"])
         visible = self._visible()
         evidence = Evidence(
@@ -101,7 +101,7 @@ class Verdict:
             return None
         return int((model.opacities() >= self._plan.settings.profile.alpha_min).sum())
 
-    def _training_views(self, baselines: Baselines | None) -> Evaluation:
+    def _training_views(self, step: int, baselines: Baselines | None) -> Evaluation:
         """PSNR of some training views, under the protocol of the evaluation."""
         parts, settings = self._parts, self._plan.settings
         assert settings.background is not None
@@ -111,6 +111,7 @@ class Verdict:
         for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
             output = parts.render(batch.cameras, settings, batch.time).output
+            batch = parts.compared(batch, output, settings.background, step)
             image, target = output.color[0], batch.target(settings.background)[0]
             valid = None if batch.valid is None else batch.valid[0]
             per_view.append({"psnr": psnr(image, target, valid)})

@@ -11,6 +11,9 @@ from gsfw.core.batch import MaskMode
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.distractors import Distractors, comparable
+from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.findings import Evidence, judge
+from gsfw.core.loop.goal import mean_psnr
 from gsfw.plugins.compose import compose
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
@@ -127,7 +130,7 @@ def test_losses_and_reports_see_images_without_distractors(tmp_path):
     assert 0 < sum(used) < 4, "some steps after the start use whole images"
     assert [valid is not None for valid in seen] == used
     reported = [report.view.left_out for report in callback.reports]
-    assert [left_out is not None for left_out in reported] == used
+    assert [left_out is not None for left_out in reported] == [False, False, *[True] * 4]
     assert all(not bool(valid[:, :12].any()) for valid in seen if valid is not None)
 
 
@@ -153,3 +156,29 @@ def test_moving_scenes_are_refused_with_the_remedy():
     }  # fmt: skip
     with pytest.raises(ConfigError, match="its motion is part of the scene"):
         compose(resolve(installed(), [Layer("the test", given)]), installed())
+
+
+@pytest.mark.unchecked
+def test_figures_of_a_run_count_the_pixels_that_are_kept(tmp_path):
+    callback = Recorder()
+    finder = UpperHalf(start=2)
+    run = with_parts(trainer(tmp_path, "none", callback, steps=6), distractors=finder)
+    for pictures in run.parts.data.pictures.values():
+        for picture in pictures:
+            picture[:, :12] = 1.0 - picture[:, :12].round()
+    summary = run.fit()
+    whole = mean_psnr(run.parts, run.plan, 2, range(6))
+    assert mean_psnr(run.parts, run.plan, 3, range(6)) == summary["training_psnr"]
+    assert summary["training_psnr"] > whole + 3
+    assert summary["kept_psnr"] > summary["psnr"] + 3
+    assert min(report.psnr for report in callback.reports[2:]) > whole + 3
+
+
+def test_distractors_of_held_out_images_are_no_overfitting():
+    scene = MemoryData().scene
+    views = Evaluation(("a",), ({},), 0.0, {"psnr": 17.0, "kept_psnr": 27.0}, training_psnr=30.0)
+    assert not judge(Evidence(views, scene, {}, 500, completed=True))
+    whole = replace(views, means={"psnr": 17.0})
+    assert [found.key for found in judge(Evidence(whole, scene, {}, 500, completed=True))] == [
+        "overfitting"
+    ]
