@@ -4,6 +4,11 @@
 
 Prints the rows of the table in docs/guides/data.md: the built-in scene, or a still capture. Each
 training image of a share gets one to three ellipses of other colours; held-out images stay clean.
+
+    python benchmarks/distractors.py --finding [NAME=VALUE ...] [--data DIR] [--shares 0 0.3]
+
+Prints the rows of the table in docs/results/findings.md: how many images the finding of a run names
+that does not ignore distractors, of those with and without some; held-out ones have them too.
 """
 
 # ruff: noqa: T201
@@ -13,16 +18,21 @@ import argparse
 import json
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import torch
 from jaxtyping import Float, UInt8
 from made_capture import MadeCapture
 from PIL import Image
 
 from gsfw.commands.interface.arguments import Arguments, layers
+from gsfw.core.datamanager import Split
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import resolve
@@ -33,11 +43,11 @@ SIZES = (0.25, 0.6)
 """Axes of an ellipse, in shorter sides of the image."""
 
 
-def spoiled(capture: MadeCapture, share: float, seed: int) -> MadeCapture:
-    """The capture with distractors in ``share`` of its training images."""
+def spoiled(capture: MadeCapture, share: float, seed: int, held_out: bool = False) -> MadeCapture:
+    """The capture with distractors in ``share`` of its training images, or of all images."""
     random = np.random.default_rng(seed)
-    training = [index for index in range(len(capture)) if index % HELD_OUT]
-    chosen = random.permutation(training)[: round(share * len(training))]
+    whole = [index for index in range(len(capture)) if held_out or index % HELD_OUT]
+    chosen = random.permutation(whole)[: round(share * len(whole))]
     images = list(capture.images)
     for index in sorted(chosen.tolist()):
         for _ in range(random.integers(1, 4)):
@@ -104,6 +114,37 @@ def row(capture: MadeCapture, share: float, seeds: int, settings: list[str]) -> 
     return f"| {share:.0%} | {off:.2f} | {on:.2f} | {gains} |"
 
 
+def finding_row(capture: MadeCapture, share: float, seed: int, settings: list[str]) -> str:
+    """A row of the other table: contradicted images with and without distractors, after a run."""
+    made = spoiled(capture, share, seed, held_out=True)
+    pairs = zip(made.names, made.images, capture.images, strict=True)
+    shows = {name: pixels is not clean for name, pixels, clean in pairs}
+    with TemporaryDirectory() as folder:
+        data = made.write(Path(folder) / "capture")
+        given = ("method=3dgs", f"data={data}", "device=cpu", f"seed={seed}", *settings)
+        words = tuple((key, value) for key, _, value in (word.partition("=") for word in given))
+        run = compose(resolve(installed(), layers(Arguments((), words))), installed())
+        run.trainer(RunFolder(Path(folder) / "run")).fit()
+        found = Counter(
+            (shows[Path(name).stem], is_seen) for name, is_seen in _contradicted(run).items()
+        )
+    cells = (f"{found[own, True]} of {found[own, True] + found[own, False]}" for own in (1, 0))
+    return f"| {share:.0%} | {' | '.join(cells)} |"
+
+
+@torch.no_grad()
+def _contradicted(run: Composition) -> dict[str, bool]:
+    """All images by name, and whether the trained model contradicts them."""
+    parts, settings, found = run.parts, run.plan.settings, {}
+    assert settings.background is not None
+    for split in (Split.TRAIN, Split.EVAL):
+        for index, name in enumerate(parts.data.views(split).names):
+            (batch,) = parts.data.load(split, [index], parts.device)
+            output = parts.render(batch.cameras, settings, batch.time).output
+            found[name] = parts.contradicts(batch, output, batch.target(settings.background))
+    return found
+
+
 def main() -> None:
     """Print the rows of one capture."""
     parser = argparse.ArgumentParser(
@@ -114,13 +155,18 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=34, help="number of images")
     parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.3, 0.6])
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--finding", action="store_true", help="print the other table")
     parser.add_argument("settings", nargs="*", default=["steps=1000"], help="of the runs")
     given = parser.parse_args()
     words = Arguments((), (("data", given.data), ("method", "3dgs")))
     data = open_data(resolve(installed(), layers(words)))
     capture = MadeCapture.of(data, given.side, given.images)
     for share in given.shares:
-        print(row(capture, share, given.seeds, given.settings), flush=True)
+        if given.finding:
+            for seed in range(given.seeds):
+                print(finding_row(capture, share, seed, given.settings), flush=True)
+        else:
+            print(row(capture, share, given.seeds, given.settings), flush=True)
 
 
 if __name__ == "__main__":

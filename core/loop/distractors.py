@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+import scipy  # Its parts are loaded when they are first used.
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -35,6 +37,9 @@ EDGE = 0.5
 """Part of the threshold from which on cells beside a distractor belong to it."""
 COVERED = 0.9
 """Opacity of a render below which an opaque image is not contradicted, but not learnt yet."""
+LARGE, STRONG = 0.02, 0.2
+"""Part of an image, and mean difference of its colours in [0, 1], from which on one region shows
+that something moved. Measured in docs/results/findings.md."""
 WHOLE = 0.3
 """Part of the steps that use whole images. With less, surfaces that no splats show yet take too
 long, and clean captures lose quality (``benchmarks/distractors.py --shares 0``)."""
@@ -88,18 +93,52 @@ class Distractors:
             target: the images, over the same background.
             counted: pixels that can be compared; ``None``: all.
         """
-        # Planes of one channel are masked and averaged several times as fast as pixels of three.
-        difference = (rendered - target).permute(0, 3, 1, 2).contiguous()
-        if counted is not None:
-            difference *= counted.permute(0, 3, 1, 2).to(difference.dtype)
         height, width = target.shape[1:3]
-        cell = max(2, round(min(height, width) / CELLS))
-        means = avg_pool2d(difference, cell, cell, ceil_mode=True, count_include_pad=False)
-        cells = _disagreeing(means.abs().mean(1, keepdim=True))
+        cell = _cell_size(height, width)
+        cells = _disagreeing(_differences(rendered, target, counted))
         c, _, rows, columns = cells.shape
         spread = cells[:, 0, :, None, :, None, None].expand(c, rows, cell, columns, cell, 1)
         found = spread.reshape(c, rows * cell, columns * cell, 1)[:, :height, :width]
         return found if counted is None else found & counted
+
+
+@torch.no_grad()
+def is_contradicted(batch: Batch, rendered: RenderOutput, target: Float[Tensor, "1 h w 3"]) -> bool:
+    """True if an image shows one large thing of other colours than the rest of the capture.
+
+    Args:
+        batch: the image.
+        rendered: the trained scene from its camera.
+        target: the image, over the same background.
+    """
+    counted = comparable(rendered.alpha, batch.coverage, batch.valid)
+    differences = _differences(rendered.color, target, counted)
+    cells, regions = differences.cpu().numpy().ravel(), _disagreeing(differences)[0, 0].cpu()
+    labels, count = scipy.ndimage.label(regions.numpy())
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    if not count or sizes.max() < LARGE * cells.size:
+        return False
+    return bool(cells[labels.ravel() == sizes.argmax() + 1].mean() >= STRONG)
+
+
+def _cell_size(height: int, width: int) -> int:
+    """Side of a cell, in pixels."""
+    return max(2, round(min(height, width) / CELLS))
+
+
+def _differences(
+    rendered: Float[Tensor, "c h w 3"],
+    target: Float[Tensor, "c h w 3"],
+    counted: Bool[Tensor, "c h w 1"] | None,
+) -> Float[Tensor, "c 1 i j"]:
+    """Absolute mean differences of the cells of images; pixels that do not count have none."""
+    # Planes of one channel are masked and averaged faster than pixels of three.
+    difference = (rendered - target).permute(0, 3, 1, 2).contiguous()
+    if counted is not None:
+        difference *= counted.permute(0, 3, 1, 2).to(difference.dtype)
+    cell = _cell_size(*target.shape[1:3])
+    means = avg_pool2d(difference, cell, cell, ceil_mode=True, count_include_pad=False)
+    return means.abs().mean(1, keepdim=True)
 
 
 def _disagreeing(cells: Float[Tensor, "c 1 i j"]) -> Bool[Tensor, "c 1 i j"]:

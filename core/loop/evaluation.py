@@ -17,11 +17,11 @@ from gsfw.core.context import ViewContext
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.device import wait_for
-from gsfw.core.loop.distractors import KEPT_PSNR, Distractors
+from gsfw.core.loop.distractors import KEPT_PSNR
 from gsfw.core.loop.findings import Finding
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.method import Method
-from gsfw.core.metrics import Metric, is_one_color, psnr
+from gsfw.core.metrics import is_one_color, psnr
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
@@ -52,6 +52,9 @@ class Evaluation:
 
     one_color: int = 0
     """Number of views whose render is (nearly) one colour although the image is not."""
+    contradicted: tuple[str, ...] = ()
+    """Views that show a large thing of which the model has other colours; not sought in moving
+    scenes, nor if distractors are left out."""
     baselines: Mapping[str, Any] = field(default_factory=dict)
     """PSNR of images that need no model, and their definitions; empty if not measured."""
     training_psnr: float | None = None
@@ -142,7 +145,7 @@ def evaluate(
     watch = None
     if data.scene.is_dynamic and views.times:
         watch = OverTime(data, split, settings.background, device, metrics)
-    comparison = _Comparison(metrics, watch, baselines, method, parts.distractors)
+    comparison = _Comparison(parts, watch, baselines, method)
     order = spread(range(len(views)) if watch is None else watch.order(), most)
     per_view: dict[int, Mapping[str, float]] = {}
     durations: list[float] = []
@@ -180,15 +183,14 @@ class _Comparison:
 
     def __init__(
         self,
-        metrics: Mapping[str, Metric],
+        parts: TrainingParts,
         watch: OverTime | None,
         baselines: Baselines | None,
         method: Method | None,
-        distractors: Distractors | None,
     ) -> None:
-        self._metrics, self._watch = metrics, watch
+        self._parts, self._metrics, self._watch = parts, parts.metrics, watch
         self._baselines, self._method = baselines, method
-        self._distractors = distractors
+        self._contradicted: list[int] = []
         self._one_color = 0
 
     def compare(self, index: int, context: ViewContext) -> dict[str, float]:
@@ -199,10 +201,13 @@ class _Comparison:
         moving = None if self._watch is None else self._watch.moving(index)
         if self._watch is not None:
             figures |= self._watch.compare(index, image, target, valid, moving)
-        if self._distractors is not None:
-            kept = self._distractors.without(context.batch, context.rendered, context.target)
-            assert kept.valid is not None
-            figures[KEPT_PSNR] = psnr(image, target, kept.valid[0])
+        seen = context.batch, context.rendered, context.target
+        if self._parts.distractors is not None:
+            kept = self._parts.distractors.without(*seen).valid
+            assert kept is not None
+            figures[KEPT_PSNR] = psnr(image, target, kept[0])
+        if self._parts.contradicts(*seen):
+            self._contradicted.append(index)
         if self._baselines is not None:
             counted = moving if moving is None or valid is None else moving & valid
             self._baselines.compare(index, target, valid, counted)
@@ -237,5 +242,6 @@ class _Comparison:
             notes={} if watch is None else watch.notes(),
             held_out=len(names),
             one_color=self._one_color,
+            contradicted=tuple(names[index] for index in sorted(self._contradicted)),
             baselines={} if baselines is None else baselines.document(),
         )

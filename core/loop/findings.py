@@ -33,6 +33,12 @@ GAP = 10.0
 """Training views may be better than held-out ones by this, in dB. Measured after 1000 steps: 2.0 dB
 (plush, 84 views), 2.5 (fox, 43), 7.4 (fox, 13), 20.3 (fox, 5); 17 dB where cameras were wrong."""
 
+FEWEST_CONTRADICTED = 2
+"""Images that have to be contradicted by the others: a single one is better left out."""
+
+NAMED = 5
+"""Most images that a message names."""
+
 FEW_VIEWS = 12
 """Number of training views up to which their number is the likely cause of such a gap."""
 
@@ -105,6 +111,7 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
             _dying_gaussians(evidence),
             _motion_not_found(evidence),
             _overfitting(evidence),
+            _distractors(evidence),
         ]
     return tuple(finding for finding in found if finding is not None)
 
@@ -212,6 +219,21 @@ def _overfitting(evidence: Evidence) -> Finding | None:
         f"training views have {training:.1f} dB and {evidence.what} {psnr:.1f} dB: the model "
         f"overfits the training images. Likely cause: {cause}. "
         + _try([_check(evidence), *remedies]),
+        is_collapse=False,
+    )
+
+
+def _distractors(evidence: Evidence) -> Finding | None:
+    names = evidence.evaluation.contradicted
+    if len(names) < FEWEST_CONTRADICTED or evidence.is_poor or evidence.is_one_color:
+        return None
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return Finding(
+        "distractors",
+        f"{len(names)} of the compared images show something large that the other images "
+        f"contradict ({', '.join(names[:NAMED])}{more}). Likely cause: people, cars or other "
+        "things that moved between the photos; else those cameras are misplaced. "
+        + _try(["ignore_distractors=true", "masks (datamanager.masks=DIR)", _check(evidence)]),
         is_collapse=False,
     )
 

@@ -13,7 +13,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.corrections import CaptureCorrections
-from gsfw.core.loop.distractors import Distractors
+from gsfw.core.loop.distractors import Distractors, is_contradicted
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule
 from gsfw.core.method import Method
@@ -114,6 +114,16 @@ class TrainingParts:
             return batch
         exposed = self.corrections.expose(rendered, self.corrections.numbered(batch), background)
         return self.distractors.without(batch, exposed, batch.target(background))
+
+    def contradicts(
+        self, batch: Batch, rendered: RenderOutput, target: Float[Tensor, "1 h w 3"]
+    ) -> bool:
+        """True if an image of a still scene shows a large thing that the model does not have.
+
+        False if distractors are left out: nothing is to be done.
+        """
+        is_sought = self.distractors is None and not self.data.scene.is_dynamic
+        return is_sought and is_contradicted(batch, rendered, target)
 
     @property
     def refined(self) -> PrimitiveModel:

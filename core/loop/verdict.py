@@ -63,7 +63,11 @@ class Verdict:
         sampled = evaluation
         if self._split is Split.EVAL:
             sampled = self._training_views(step, None if held_out else self._of_training)
-            evaluation = replace(evaluation, training_psnr=sampled.means["psnr"])
+            evaluation = replace(
+                evaluation,
+                training_psnr=sampled.means["psnr"],
+                contradicted=evaluation.contradicted + sampled.contradicted,
+            )
         visible = self._visible()
         evidence = Evidence(
             evaluation=evaluation if held_out else sampled,
@@ -107,12 +111,15 @@ class Verdict:
         assert settings.background is not None
         names = parts.data.views(Split.TRAIN).names
         indices = spread(range(len(names)), MOST_TRAINING_VIEWS)
-        per_view, one_color = [], 0
+        per_view, contradicted, one_color = [], [], 0
         for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
             output = parts.render(batch.cameras, settings, batch.time).output
             batch = parts.compared(batch, output, settings.background, step)
-            image, target = output.color[0], batch.target(settings.background)[0]
+            targets = batch.target(settings.background)
+            if parts.contradicts(batch, output, targets):
+                contradicted.append(names[index])
+            image, target = output.color[0], targets[0]
             valid = None if batch.valid is None else batch.valid[0]
             per_view.append({"psnr": psnr(image, target, valid)})
             one_color += is_one_color(image, target, valid)
@@ -124,5 +131,6 @@ class Verdict:
             0.0,
             means(per_view),
             one_color=one_color,
+            contradicted=tuple(contradicted),
             baselines={} if baselines is None else baselines.document(),
         )

@@ -5,15 +5,19 @@ from dataclasses import replace
 import pytest
 import torch
 from support.memory_training import MemoryData, Recorder, trainer, with_parts
+from support.scenes import front_camera
 from support.states import assert_same_bits
+from torch import Tensor
 
-from gsfw.core.batch import MaskMode
+from gsfw.core.batch import Batch, MaskMode
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.distractors import Distractors, comparable
+from gsfw.core.loop import training_parts
+from gsfw.core.loop.distractors import Distractors, comparable, is_contradicted
 from gsfw.core.loop.evaluation import Evaluation
-from gsfw.core.loop.findings import Evidence, judge
+from gsfw.core.loop.findings import Evidence, Finding, judge
 from gsfw.core.loop.goal import mean_psnr
+from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.plugins.compose import compose
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
@@ -182,3 +186,71 @@ def test_distractors_of_held_out_images_are_no_overfitting():
     assert [found.key for found in judge(Evidence(whole, scene, {}, 500, completed=True))] == [
         "overfitting"
     ]
+
+
+def shown(rendered: Tensor, target: Tensor, alpha: float = 1.0) -> bool:
+    """True if the image is contradicted by an opaque render."""
+    camera = front_camera(WIDTH, HEIGHT)
+    coverage = torch.full_like(rendered[..., :1], alpha)
+    statistics = RenderStatistics.zeros(torch.zeros(0, 3), 1, frozenset())
+    output = RenderOutput(color=rendered, alpha=coverage, statistics=statistics)
+    return is_contradicted(Batch(target, camera, (0,)), output, target)
+
+
+@pytest.mark.parametrize(
+    ("height", "color", "alpha", "expected"),
+    [
+        (30, (0.9, 0.2, 0.1), 1.0, True),
+        (6, (0.9, 0.2, 0.1), 1.0, False),  # Small.
+        (30, (0.65, 0.35, 0.65), 1.0, False),  # Faint.
+        (30, (0.9, 0.2, 0.1), 0.5, False),  # Not learnt yet.
+    ],
+)
+def test_an_image_with_one_large_thing_of_other_colours_is_contradicted(
+    height, color, alpha, expected
+):
+    rendered, target = scene()
+    assert not shown(rendered, target)
+    target[:, 30 : 30 + height, 40:70] = torch.tensor(color)
+    assert shown(rendered, target, alpha) is expected
+
+
+class Looker(Recorder):
+    """Remembers the last evaluation."""
+
+    def on_evaluation(self, step, evaluation, control) -> None:
+        self.evaluation = evaluation
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize("distractors", [None, Distractors(start=0)])
+def test_a_run_that_leaves_nothing_out_names_contradicted_images(
+    tmp_path, monkeypatch, distractors
+):
+    monkeypatch.setattr(training_parts, "is_contradicted", lambda *seen: bool(seen[2].min() == 1))
+    look = Looker()
+    run = with_parts(trainer(tmp_path, "none", look, steps=1), distractors=distractors)
+    pictures = run.parts.data.pictures
+    for picture in (pictures[Split.TRAIN][0], pictures[Split.TRAIN][3], pictures[Split.EVAL][1]):
+        picture.fill_(1.0)
+    run.fit()
+    assert look.evaluation.contradicted == (() if distractors else ("e1", "t0", "t3"))
+
+
+def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt():
+    def found(names: tuple[str, ...], psnr: float = 27.0) -> tuple[Finding, ...]:
+        views = Evaluation(("a",), ({},), 0.0, {"psnr": psnr}, contradicted=names)
+        views = replace(views, baselines={"constant_psnr": 12.0})
+        return judge(Evidence(views, MemoryData().scene, {"data": "shop"}, 500, completed=True))
+
+    (finding,) = found(("a.jpg", "b.jpg"))
+    assert (finding.key, finding.is_collapse) == ("distractors", False)
+    assert finding.message == (
+        "2 of the compared images show something large that the other images contradict (a.jpg, "
+        "b.jpg). Likely cause: people, cars or other things that moved between the photos; else "
+        "those cameras are misplaced. Try, one by one: ignore_distractors=true; masks "
+        "(datamanager.masks=DIR); gsfw check shop, for cameras that do not fit."
+    )
+    assert "(1, 2, 3, 4, 5 and 2 more)" in found(tuple("1234567"))[0].message
+    assert found(("a.jpg",)) == ()
+    assert [item.key for item in found(("a.jpg", "b.jpg"), 12.1)] == ["no-better-than-baseline"]
