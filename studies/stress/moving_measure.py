@@ -11,8 +11,9 @@ import torch
 from jaxtyping import Float, Float64, Int
 from torch import Tensor
 
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.numerics import DEFAULT, QUATERNION_MIN_NORM
+from gsfw.core.numerics import DEFAULT
 from gsfw.core.splats import Splats
 from gsfw.studies.stress.drawn import distance
 from gsfw.studies.stress.judgement import HOPELESS, NO_WORSE
@@ -172,16 +173,7 @@ def _covariances(
     quats: Float[Tensor, "m 4"], scales: Float[Tensor, "m 3"]
 ) -> Float[Tensor, "m 3 3"]:
     """Covariances of quaternions of any norm, in float64, so that no rounding is added here."""
-    quats, scales = quats.double(), scales.double()
-    norms = quats.norm(dim=1, keepdim=True)
-    identity = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
-    w, x, y, z = torch.where(norms > QUATERNION_MIN_NORM, quats / norms, identity).unbind(1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
-    ]
-    axes = torch.stack(rows, dim=1) * scales[:, None]
+    axes = rotation_matrices(quats.double()) * scales.double()[:, None]
     return axes @ axes.transpose(1, 2)
 
 
