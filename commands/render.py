@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from os.path import commonpath
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -121,7 +122,8 @@ def run(arguments: list[str]) -> int:
     warn_of_file(found, composition, console)
     out = Path(options.out) if options.out else found.folder.path / "renders"
     images, films = render(composition, request, out, console.say)
-    console.say(f"{len(images)} images in {out}")
+    folder = Path(commonpath([image.parent for image in images])) if images else out
+    console.say(f"{len(images)} images in {folder}")
     for film in films:
         is_stand_in = options.video == "auto" and film.suffix == ".webp"
         console.say(f"film: {film}{f' (mp4: {INSTALLATION})' if is_stand_in else ''}")

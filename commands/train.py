@@ -31,8 +31,15 @@ if TYPE_CHECKING:
     from gsfw.core.team import Team
     from gsfw.plugins.settings import Layer, Settings
 
-
 USAGE = "usage: gsfw train method=NAME [key=value ...]\n"
+EXAMPLES = (
+    "examples:",
+    "  gsfw train method=3dgs                        the built-in scene, which needs no data",
+    "  gsfw train method=3dgs data=DIR               a data set, for five minutes",
+    "  gsfw train method=3dgs data=DIR minutes=20 out=runs/first viewer=true",
+    "  gsfw train method=3dgs data=DIR --dry-run     time, memory and disk space, without training",
+)
+"""The end of the help without a method."""
 
 
 def run(tokens: list[str]) -> int:
@@ -140,7 +147,8 @@ def read_settings(arguments: Arguments, registry: Registry) -> Settings:
     _check_words(arguments.words, registry)
     if not any("method" in layer.values for layer in given):
         if wanted:
-            raise HelpRequested("\n".join([USAGE, *_methods(registry)]))
+            lines = [USAGE, *_methods(registry), "", *EXAMPLES]
+            raise HelpRequested("\n".join(lines))
         raise ConfigError(_no_method(given), "\n".join(_methods(registry)))
     if wanted:
         from gsfw.commands.interface.help import settings_help

@@ -83,8 +83,10 @@ def stop_on_signal(
                 raise KeyboardInterrupt
             return
         interrupt.received = True
-        name = signal.Signals(number).name
-        control.request_stop(f"interrupted by {name}")
+        is_key = number == signal.SIGINT
+        control.request_stop(
+            f"interrupted by {'Ctrl-C' if is_key else signal.Signals(number).name}"
+        )
         if not is_quiet:
             _say("\nstopping after this step, with a checkpoint; Ctrl-C once more stops at once\n")
 

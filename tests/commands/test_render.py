@@ -69,7 +69,9 @@ def test_a_webp_in_place_of_an_mp4_says_what_an_mp4_needs(
     orbit = ("render", str(finished_run), "what=orbit", "frames=1", "width=16")
     for given, hint in (((), " (mp4: pip install 'gsfw[video]')"), (("video=webp",), "")):
         assert main([*orbit, *given, f"out={tmp_path / 'r'}"]) == 0
-        assert f"film: {tmp_path / 'r' / 'orbit.webp'}{hint}\n" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert f" images in {tmp_path / 'r' / 'orbit'}\n" in said
+        assert f"film: {tmp_path / 'r' / 'orbit.webp'}{hint}\n" in said
 
 
 def test_held_out_views_are_drawn_beside_their_photos_and_an_orbit(finished_run, tmp_path, capsys):

@@ -104,7 +104,7 @@ def test_an_interrupted_study_says_how_to_go_on(file, out, capsys):
     assert study(file, out) == 130
     said = capsys.readouterr().out
     assert "stopped; it continues another time, from its checkpoint if it has one\n" in said
-    assert "4 runs left: interrupted by SIGINT. The same command continues.\n" in said
+    assert "4 runs left: interrupted by Ctrl-C. The same command continues.\n" in said
     assert study(file, out, "only=still") == 0
 
 

@@ -38,6 +38,13 @@ def test_without_a_method_the_methods_are_listed_with_the_next_command(capsys):
     assert lines[-1] == "Next: gsfw train method=3dgs (with --help: every setting)."
 
 
+def test_help_without_a_method_has_examples(capsys):
+    assert main(["train", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("usage: gsfw train method=NAME [key=value ...]\n\nMethods:\n")
+    assert "\n\nexamples:\n  gsfw train method=3dgs " in said
+
+
 def test_a_misspelt_method_is_named(capsys, tmp_path):
     lines = refusal(capsys, "mehtod=3dgs", "steps=30").splitlines()
     assert lines[:2] == ["error: unknown key 'mehtod'. Did you mean 'method'?", "Methods:"]

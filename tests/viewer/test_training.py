@@ -230,7 +230,7 @@ def test_a_stop_from_elsewhere_ends_a_pause(viewer):
     viewer._live.pause(True)
     steps.start()
     soon(lambda: steps.step == 1)
-    viewer.control.request_stop("interrupted by SIGINT")
+    viewer.control.request_stop("interrupted by Ctrl-C")
     steps.join(20)
     assert not steps.is_alive()
 

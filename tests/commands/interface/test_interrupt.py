@@ -29,7 +29,8 @@ def test_the_first_signal_asks_to_stop_and_a_later_ctrl_c_stops_at_once(number, 
         assert not interrupt.received
         signal.raise_signal(number)
         assert interrupt.received
-        assert control.stop_reason == f"interrupted by {number.name}"
+        cause = "Ctrl-C" if number is signal.SIGINT else number.name
+        assert control.stop_reason == f"interrupted by {cause}"
         for other in ENDING:  # Of other programs: they ask for the same.
             signal.raise_signal(other)
         with pytest.raises(KeyboardInterrupt):

@@ -109,5 +109,5 @@ def test_jobs_end_with_checkpoints_when_the_driver_is_stopped(cluster, tmp_path,
     later = [path for path in out.glob("runs/**/step_*.pt") if path.stem != "step_000000000"]
     assert len({path.parent for path in later}) == 2
     if number is signal.SIGINT:
-        assert "2 runs left: interrupted by SIGINT. The same command continues." in said
+        assert "2 runs left: interrupted by Ctrl-C. The same command continues." in said
         assert not json.loads((out / "results.json").read_text())["failures"]
