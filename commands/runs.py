@@ -202,11 +202,11 @@ def _given(options: RunsOptions, least: int, console: Console) -> list[Any]:
         for run in (find_run(text, console.say) for text in options.runs)
     }
     if len(found) < least:
-        number = "two or more runs" if least > 1 else "a run"
+        given = "one run is given" if found else "no run is given"
+        words = "RUN RUN ..." if least > 1 else "RUN"
         raise ConfigError(
-            f"gsfw runs {options.what}: {number} {'are' if least > 1 else 'is'} needed, and "
-            f"{len(found)} given.",
-            "gsfw runs lists them.",
+            f"gsfw runs {options.what}: {given}.",
+            f"Write gsfw runs {options.what} {words}; gsfw runs lists them.",
         )
     return list(found.values())
 

@@ -133,7 +133,7 @@ def _sequential(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Lik
     why = " as they follow each other in time," if rule.matching == "auto" else ""
     apart = f" and {ELSEWHERE} of other videos or folders" if pairs.groups > 1 else ""
     return pairs.plan(
-        f"each with its neighbours up to {rule.overlap} before and after and some further ones,"
+        f"each with its neighbours up to {rule.overlap} before and after, and some further ones,"
         f"{why} and, to close loops, with the {ELSEWHERE} most alike elsewhere{apart}, "
         f"by {_vocabulary(rule)}."
     )
@@ -185,4 +185,4 @@ class _Pairs:
         names = list(self._order)
         pairs = tuple((names[first], names[second]) for first, second in sorted(self._pairs))
         every = len(names) * (len(names) - 1) // 2
-        return PairPlan(pairs, f"pairs: {len(pairs)} of {every} of {len(names)} images: {how}")
+        return PairPlan(pairs, f"pairs: {len(pairs)} of {every} between {len(names)} images: {how}")

@@ -259,8 +259,8 @@ def _notes_on_view(path: ViewPath, times: Float[np.ndarray, " n"]) -> list[str]:
     elif path.jumps:
         seconds = tuple(f"{times[index]:.1f} s" for index in path.jumps)
         notes.append(
-            f"cut at {listed(seconds)}: the views before and after have nothing in common (so "
-            "it is with a very quick turn), and cameras may not be found across it"
+            f"cut or very quick turn at {listed(seconds)}: the views before and after have nothing "
+            "in common, and cameras may not be found across it"
         )
     if any(path.strange) and not all(path.strange):
         notes.append(
@@ -274,7 +274,9 @@ def _notes_on_blur(relative: Float[np.ndarray, " chosen"]) -> list[str]:
     blurred = int((relative < BLURRED).sum())
     if not blurred:
         return []
+    verb, them = ("are", "them") if blurred > 1 else ("is", "it")
     return [
-        f"{blurred} of {len(relative)} chosen frames have less than {BLURRED:.0%} of the sharpness "
-        "of frames around them, and the view would jump without them: move the camera slower there"
+        f"{blurred} of {len(relative)} chosen frames {verb} blurred (less than {100 * BLURRED:.0f} "
+        f"% of the sharpness of neighbouring frames), and without {them} the view would jump: move "
+        "the camera slower there"
     ]

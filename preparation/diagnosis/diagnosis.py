@@ -144,10 +144,7 @@ def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
             f"they see, and a turn of {baselines.degrees:.0f} degrees (medians)."
         )
     if math.isfinite(baselines.cloud_to_spread):
-        yield (
-            f"The points take up {baselines.cloud_to_spread:.1f} times the room that the cameras "
-            "do."
-        )
+        yield (f"The points extend {baselines.cloud_to_spread:.1f} times as far as the cameras do.")
     if len(figures.cameras) > MOST_CAMERAS:
         focals = [camera.focal for camera in figures.cameras]
         yield (

@@ -100,6 +100,6 @@ def test_comparison_says_how_large_the_compared_images_were(capsys):
 def test_one_run_is_too_few_for_a_comparison(capsys):
     path = make_run("a")
     assert refusal(capsys, "compare", str(path), f"{path}/") == (
-        "error: gsfw runs compare: two or more runs are needed, and 1 given.\n"
-        "gsfw runs lists them.\n"
+        "error: gsfw runs compare: one run is given.\n"
+        "Write gsfw runs compare RUN RUN ...; gsfw runs lists them.\n"
     )

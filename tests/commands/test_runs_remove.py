@@ -122,7 +122,10 @@ def test_a_damaged_run_can_be_removed(capsys):
 
 
 def test_removal_needs_a_run(capsys):
-    assert "gsfw runs remove: a run is needed, and 0 given." in refusal(capsys, "remove")
+    assert refusal(capsys, "remove") == (
+        "error: gsfw runs remove: no run is given.\n"
+        "Write gsfw runs remove RUN; gsfw runs lists them.\n"
+    )
 
 
 def test_of_several_runs_one_that_must_stay_keeps_all(capsys):

@@ -95,7 +95,7 @@ def test_look_alikes_of_many_photos_are_compared(tmp_path, nearest_by_number):
     plan = planned(tmp_path, imagined({"a": 201}))
     assert 201 * 15 <= len(plan.pairs) <= 201 * 30
     assert plan.how == (
-        f"pairs: {len(plan.pairs)} of 20100 of 201 images: each with the 30 most alike, by a "
+        f"pairs: {len(plan.pairs)} of 20100 between 201 images: each with the 30 most alike, by a "
         "vocabulary of their own features, as there are more than 200."
     )
 
@@ -119,9 +119,9 @@ def test_frames_of_a_video_are_compared_with_their_neighbours_and_to_close_loops
     assert steps == {1, 2, 3, 4, 5, 6, 8, 16, 32, 39}
     assert ("a000.png", "a039.png") in plan.pairs
     assert plan.how == (
-        f"pairs: {len(plan.pairs)} of 780 of 40 images: each with its neighbours up to 6 before "
-        "and after and some further ones, as they follow each other in time, and, to close loops, "
-        "with the 10 most alike elsewhere, by a vocabulary of their own features."
+        f"pairs: {len(plan.pairs)} of 780 between 40 images: each with its neighbours up to 6 "
+        "before and after, and some further ones, as they follow each other in time, and, to "
+        "close loops, with the 10 most alike elsewhere, by a vocabulary of their own features."
     )
 
 

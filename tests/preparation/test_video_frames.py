@@ -99,8 +99,8 @@ def test_blurred_frames_are_taken_where_nothing_else_bridges_them(tmp_path):
     assert len(within(choice, range(10, 20))) >= 8
     (note,) = choice.notes
     assert note.endswith(
-        "of 30 chosen frames have less than 30% of the sharpness of frames around them, and the "
-        "view would jump without them: move the camera slower there"
+        "of 30 chosen frames are blurred (less than 30 % of the sharpness of neighbouring frames), "
+        "and without them the view would jump: move the camera slower there"
     )
 
 
@@ -139,8 +139,8 @@ def test_cuts_are_told(tmp_path):
     views = [colored(view(8 * number, seed=int(number >= 15))) for number in range(30)]
     choice = choose_frames(film(tmp_path / "a.mp4", views), 20)
     assert choice.notes == (
-        "cut at 0.5 s: the views before and after have nothing in common (so it is with a very "
-        "quick turn), and cameras may not be found across it",
+        "cut or very quick turn at 0.5 s: the views before and after have nothing in common, and "
+        "cameras may not be found across it",
     )
     assert min(len(within(choice, part)) for part in (range(15), range(15, 30))) >= 8
 
