@@ -33,11 +33,13 @@ if TYPE_CHECKING:
 
 USAGE = "usage: gsfw train method=NAME [key=value ...]\n"
 EXAMPLES = (
+    "Without data= a method trains on the built-in scene. --dry-run checks and estimates, no more.",
+    "",
     "examples:",
-    "  gsfw train method=3dgs                        the built-in scene, which needs no data",
-    "  gsfw train method=3dgs data=DIR               a data set, for five minutes",
-    "  gsfw train method=3dgs data=DIR minutes=20 out=runs/first viewer=true",
-    "  gsfw train method=3dgs data=DIR --dry-run     time, memory and disk space, without training",
+    "  gsfw train method=3dgs",
+    "  gsfw train method=3dgs data=DIR minutes=5",
+    "  gsfw train method=3dgs data=DIR out=runs/first viewer=true",
+    "  gsfw train method=3dgs data=DIR --dry-run",
 )
 """The end of the help without a method."""
 

@@ -42,7 +42,7 @@ def test_help_without_a_method_has_examples(capsys):
     assert main(["train", "--help"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("usage: gsfw train method=NAME [key=value ...]\n\nMethods:\n")
-    assert "\n\nexamples:\n  gsfw train method=3dgs " in said
+    assert "\n\nexamples:\n  gsfw train method=3dgs\n" in said
 
 
 def test_a_misspelt_method_is_named(capsys, tmp_path):
