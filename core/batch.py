@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import torch
@@ -64,6 +64,11 @@ class ViewMap:
         """A map of raw values, some of which may be unknown by ``rule``."""
         known = rule.known(values)
         return ViewMap(torch.where(known, values, 0.0), known, rule)
+
+    def within(self, valid: Bool[Tensor, "c h w 1"]) -> ViewMap:
+        """The same map, unknown where a pixel is not valid."""
+        known = self.known & valid
+        return replace(self, values=torch.where(known, self.values, 0.0), known=known)
 
     def mean(self, error: Float[Tensor, "c h w k"]) -> Float[Tensor, ""]:
         """The mean of a per-pixel error over the known pixels, for losses; 0 where there are none.

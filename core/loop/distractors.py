@@ -69,7 +69,7 @@ class Distractors:
     def without(
         self, batch: Batch, rendered: RenderOutput, target: Float[Tensor, "c h w 3"]
     ) -> Batch:
-        """The batch with its distractors left out.
+        """The batch with its distractors left out, of the per-view maps too.
 
         Args:
             batch: images of any split.
@@ -77,7 +77,9 @@ class Distractors:
             target: the images, over the same background.
         """
         counted = comparable(rendered.alpha, batch.coverage, batch.valid)
-        return replace(batch, left_out=self.found(rendered.color, target, counted))
+        left_out = self.found(rendered.color, target, counted)
+        maps = {name: item.within(~left_out) for name, item in batch.maps.items()}
+        return replace(batch, left_out=left_out, maps=maps)
 
     @torch.no_grad()
     def found(

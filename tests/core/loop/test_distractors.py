@@ -9,7 +9,7 @@ from support.scenes import front_camera
 from support.states import assert_same_bits
 from torch import Tensor
 
-from gsfw.core.batch import Batch, MaskMode
+from gsfw.core.batch import Batch, MaskMode, Resampling, ViewMap
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop import training_parts
@@ -105,6 +105,25 @@ def test_valid_pixels_are_those_of_masks_without_distractors(mode):
 def trainer_batch():
     (batch,) = MemoryData().load(Split.TRAIN, [0], torch.device("cpu"))
     return batch
+
+
+def test_per_view_maps_are_unknown_where_distractors_are_left_out():
+    batch = trainer_batch()
+    depths = ViewMap.of(torch.full_like(batch.images[..., :1], 2.0), Resampling.DEPTH)
+    rendered = RenderOutput(
+        color=batch.images,
+        alpha=torch.ones_like(batch.images[..., :1]),
+        statistics=RenderStatistics.zeros(torch.zeros(0, 3), 1, frozenset()),
+    )
+    found = UpperHalf(start=0).without(
+        replace(batch, maps={"depth": depths}), rendered, batch.images
+    )
+    seen = found.maps["depth"]
+    assert not seen.known[:, :12].any()
+    assert not seen.values[:, :12].any()
+    assert torch.equal(seen.values[:, 12:], depths.values[:, 12:])
+    assert seen.known[:, 12:].all()
+    assert seen.rule is Resampling.DEPTH
 
 
 class UpperHalf(Distractors):
