@@ -7,23 +7,26 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 from PIL import Image
 
+from gsfw.core.cores import cores
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
 from gsfw.datamanagers.coded_colors import coded_to_srgb, is_like_srgb
 from gsfw.datamanagers.color_profile import in_srgb, profile_of
-from gsfw.datamanagers.images import EXTENSIONS
+from gsfw.datamanagers.images import EXTENSIONS, Header
 from gsfw.preparation.foreign_formats import BRANDS, HEAD, HEIC
 from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.input_files import InputFile, shot
 from gsfw.preparation.journal import identity_of
 from gsfw.preparation.video_frames import JPEG_QUALITY
 from gsfw.preparation.writing.image_output import encoded, exif_of
+from gsfw.preparation.writing.worker_threads import in_order, workers_for
 
 DAMAGED = "the HEIC image is damaged, or of a kind that pi-heif does not decode"
 """Reason why a file is left out."""
@@ -61,13 +64,20 @@ def with_jpeg(files: Sequence[InputFile], folder: Path) -> Converted:
         return Converted(tuple(files))
     converted: dict[InputFile, InputFile] = {}
     damaged: dict[InputFile, LeftOut] = {}
-    with stage("converting HEIC photos", len(wanted)) as advance:
+    places = {file: _place(file, folder) for file in wanted}
+    new = [file for file in wanted if not places[file].is_file()]
+    unseen = set(new)
+    results = in_order(_content, new, _workers(new))
+    with stage("converting HEIC photos", len(wanted)) as advance, closing(results):
         for number, file in enumerate(wanted, 1):
-            found = _converted(file, folder)
+            found = next(results) if file in unseen else None
             if isinstance(found, LeftOut):
                 damaged[file] = found
             else:
-                converted[file] = found
+                if found is not None:
+                    write_atomically(places[file], found)
+                name = PurePosixPath(file.name).with_suffix(".jpg").as_posix()
+                converted[file] = replace(file, path=places[file], name=name)
             advance(number)
     kept = (converted.get(file, file) for file in files if file not in damaged)
     note = f"HEIC photos are converted to JPEG (quality {JPEG_QUALITY}): {len(converted)}"
@@ -92,22 +102,38 @@ def _is_heic(path: Path) -> bool:
     return head[4:8] == b"ftyp" and BRANDS.get(head[8:12]) is HEIC
 
 
-def _converted(file: InputFile, folder: Path) -> InputFile | LeftOut:
+def _place(file: InputFile, folder: Path) -> Path:
+    """The JPEG file of a photo."""
     key = hashlib.blake2b(repr(identity_of(file.path)).encode(), digest_size=12).hexdigest()
-    path = folder / f"{key}.jpg"
-    if not path.is_file():
-        try:
-            content = _jpeg(file.path)
-        except MemoryError:
-            raise
-        except Exception as error:  # pi-heif raises whatever a broken file makes it.
-            if isinstance(error, OSError) and error.strerror:
-                return LeftOut(
-                    file.name, f"the file cannot be read ({error.strerror})", "Replace it."
-                )
-            return LeftOut(file.name, DAMAGED, "Copy it again, or convert it to JPEG.")
-        write_atomically(path, content)
-    return replace(file, path=path, name=PurePosixPath(file.name).with_suffix(".jpg").as_posix())
+    return folder / f"{key}.jpg"
+
+
+def _workers(files: Sequence[InputFile]) -> int:
+    """Number of photos to convert at a time; pi-heif decodes without Python's lock."""
+    return workers_for([_header(file.path) for file in files], cores()) if files else 1
+
+
+def _header(path: Path) -> Header:
+    """The size of a photo; one pixel if it is damaged."""
+    import pi_heif
+
+    try:
+        width, height = pi_heif.open_heif(path).size
+    except Exception:  # As in _content, which gives the reason.
+        width = height = 1
+    return Header(width, height, has_alpha=False)
+
+
+def _content(file: InputFile) -> bytes | LeftOut:
+    """The JPEG file of a photo, or why there is none."""
+    try:
+        return _jpeg(file.path)
+    except MemoryError:
+        raise
+    except Exception as error:  # pi-heif raises whatever a broken file makes it.
+        if isinstance(error, OSError) and error.strerror:
+            return LeftOut(file.name, f"the file cannot be read ({error.strerror})", "Replace it.")
+        return LeftOut(file.name, DAMAGED, "Copy it again, or convert it to JPEG.")
 
 
 def _jpeg(path: Path) -> bytes:

@@ -3,6 +3,7 @@
 import io
 import sys
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.coded_colors import PQ, coded_to_srgb
 from gsfw.datamanagers.color_profile import in_srgb
 from gsfw.datamanagers.images import decode
+from gsfw.preparation import heic
 from gsfw.preparation.heic import _jpeg
 from gsfw.preparation.source import read_source
 
@@ -117,6 +119,30 @@ def test_a_damaged_file_is_left_out_with_the_reason(tmp_path):
         "the HEIC image is damaged, or of a kind that pi-heif does not decode",
         "Copy it again, or convert it to JPEG.",
     )
+
+
+def test_several_photos_keep_their_order_whichever_is_decoded_first(tmp_path, monkeypatch):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for number, name in enumerate("abcd", 1):
+        write_heic(folder / f"{name}.heic", pixels() // number)
+    (folder / "b.heic").write_bytes((folder / "b.heic").read_bytes()[:-60])
+    monkeypatch.setattr("gsfw.preparation.heic.cores", lambda: 2)
+    other_is_done = Event()
+    decode_one = heic._jpeg
+
+    def slow_first(path):
+        if path.name == "a.heic":
+            assert other_is_done.wait(10), "the others are decoded meanwhile"
+        found = decode_one(path)
+        if path.name == "c.heic":
+            other_is_done.set()
+        return found
+
+    monkeypatch.setattr(heic, "_jpeg", slow_first)
+    found = source(folder)
+    assert names(found) == ["a.jpg", "c.jpg", "d.jpg"]
+    assert only_left_out(found).name == "b.heic"
 
 
 def test_the_clip_of_a_live_photo_is_still_known(tmp_path):
