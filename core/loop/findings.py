@@ -226,8 +226,10 @@ def _overfitting(evidence: Evidence) -> Finding | None:
 def _distractors(evidence: Evidence) -> Finding | None:
     """Judge completed runs alone: places that are learnt late would be taken for distractors."""
     names = evidence.evaluation.contradicted
-    judged = evidence.completed and not (evidence.is_poor or evidence.is_one_color)
-    if not judged or len(names) < FEWEST_CONTRADICTED:
+    is_learnt = evidence.completed and evidence.step >= SETTLED
+    if not is_learnt or evidence.is_poor or evidence.is_one_color:
+        return None
+    if len(names) < FEWEST_CONTRADICTED:
         return None
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return Finding(

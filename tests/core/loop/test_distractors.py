@@ -258,12 +258,12 @@ def test_a_run_that_leaves_nothing_out_names_contradicted_images(
 
 def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt():
     def found(
-        names: tuple[str, ...], psnr: float = 27.0, completed: bool = True
+        names: tuple[str, ...], psnr: float = 27.0, completed: bool = True, step: int = 500
     ) -> tuple[Finding, ...]:
         views = Evaluation(("a",), ({},), 0.0, {"psnr": psnr}, contradicted=names)
         views = replace(views, baselines={"constant_psnr": 12.0})
         return judge(
-            Evidence(views, MemoryData().scene, {"data": "shop"}, 500, completed=completed)
+            Evidence(views, MemoryData().scene, {"data": "shop"}, step, completed=completed)
         )
 
     (finding,) = found(("a.jpg", "b.jpg"))
@@ -277,4 +277,5 @@ def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt
     assert "(1, 2, 3, 4, 5 and 2 more)" in found(tuple("1234567"))[0].message
     assert found(("a.jpg",)) == ()
     assert found(("a.jpg", "b.jpg"), completed=False) == ()
+    assert found(("a.jpg", "b.jpg"), step=299) == ()
     assert [item.key for item in found(("a.jpg", "b.jpg"), 12.1)] == ["no-better-than-baseline"]
