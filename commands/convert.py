@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, positional
 from gsfw.commands.interface.format_options import read_with_format
-from gsfw.core.files.folder_name import names_folder
-from gsfw.core.files.reading import bytes_of, followed
+from gsfw.core.files.reading import bytes_of, followed, names_folder
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
 from gsfw.core.words import size
@@ -69,7 +68,7 @@ def run(arguments: list[str]) -> int:
     registry, console = installed(), Console(options.json)
     form = options.format or _format_of(options.out, registry)
     exporter = make_exporter(form, registry, given)
-    if not names_folder(options.out):
+    if exporter.is_folder or not names_folder(options.out):
         check_suffix(Path(options.out), form, exporter, registry)
     found = find_run(options.source, console.say, splats=True, lead="IN is")
     _check_fit(options, form, exporter, found)

@@ -10,8 +10,7 @@ from gsfw.commands.interface.arguments import RunOptions
 from gsfw.commands.interface.export_options import PLY
 from gsfw.commands.interface.export_times import ALL, parse_times
 from gsfw.commands.interface.format_options import read_with_format
-from gsfw.core.files.folder_name import names_folder
-from gsfw.core.files.reading import bytes_of
+from gsfw.core.files.reading import bytes_of, names_folder
 from gsfw.core.progress import stage, tracked
 from gsfw.core.ranges import number
 from gsfw.core.words import shell_argument, size
@@ -92,7 +91,8 @@ def run(arguments: list[str]) -> int:
     registry = installed()
     options = replace(options, format=format_of_file(options, registry))
     exporter = make_exporter(options.format, registry, given)
-    if options.out and not options.times and not names_folder(options.out):
+    is_name = exporter.is_folder or not names_folder(options.out)
+    if options.out and not options.times and is_name:
         check_suffix(Path(options.out), options.format, exporter, registry)
     check_format(options, exporter.holds)
     check_sh_degree(options.sh_degree, options.format, exporter)

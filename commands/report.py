@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, changed_place, positionals, read_options
-from gsfw.core.files.folder_name import names_folder
+from gsfw.core.files.reading import names_folder
 from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _page(out: str, name: str) -> Path:
-    """The path of the page: ``out``, or the name in it if it is a folder, or in the current one."""
+    """The path of the page: ``out``, or below it if it is a folder; else in the current folder."""
     return Path(out, name) if not out or names_folder(out) else Path(out)
 
 

@@ -10,7 +10,7 @@ from gsfw.commands.edit.verb import EditOptions
 from gsfw.commands.interface.runs import RunArgument
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, Holds
-from gsfw.core.files.folder_name import names_folder
+from gsfw.core.files.reading import names_folder
 from gsfw.plugins.exporters import check_suffix, format_of, make_exporter, writable_suffixes
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.files.folder_name import names_folder
+from gsfw.core.files.reading import names_folder
 
 if TYPE_CHECKING:
     from gsfw.commands.export import ExportOptions

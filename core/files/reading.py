@@ -29,6 +29,11 @@ def is_folder(path: Path) -> bool:
     return os.path.isdir(path)
 
 
+def names_folder(text: str) -> bool:
+    """True if a path of the user is a folder, or is written as one: with a slash at its end."""
+    return text.endswith(("/", os.sep)) or (bool(text) and is_folder(Path(text)))
+
+
 def followed(path: Path) -> Path:
     """The absolute path without links; links that lead in circles stay.
 
