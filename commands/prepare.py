@@ -122,9 +122,9 @@ def run(tokens: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.progress import load_torch
 
+    cpu_resources_of(options)
     load_torch()
     _check_colmap()
-    cpu_resources_of(options)
     console = Console(options.json or (following is not None and parse(following).flag("json")))
     for path in inputs:
         _check_exists(path)

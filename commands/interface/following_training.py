@@ -23,6 +23,7 @@ from gsfw.commands.interface.arguments import (
     read_options,
 )
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.progress import load_torch
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text, parsed_json
@@ -101,6 +102,7 @@ def _check(arguments: Arguments, of_prepare: set[str]) -> None:
     from gsfw.planning.asked import asked_of
     from gsfw.plugins.registry import installed
 
+    load_torch()
     if arguments.words:
         raise ConfigError(f"{arguments.words[0]!r} after train=true is not key=value.", ORDER)
     if "data" in arguments.values:

@@ -26,7 +26,7 @@ LINES = 8.0
 
 
 def load_torch() -> None:
-    """Import torch, which takes over a second, as a stage; verbs call it after their checks."""
+    """Import torch, which takes over a second, as a stage; checks without torch come before."""
     with stage("loading torch"):
         import torch  # noqa: F401 - those who need it import it again, at once.
 
