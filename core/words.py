@@ -46,7 +46,7 @@ def rough_size(count: int | float) -> str:
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:
-    """A number of things: "1 view", "1,200 views"; ``plural`` where it is no "s" more."""
+    """A number of things: "1 view", "1,200 views"; ``plural`` for nouns that take no "s"."""
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 

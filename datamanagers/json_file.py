@@ -27,7 +27,7 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
     except (OSError, ValueError) as error:
         raise DataError(
             f"{path} cannot be read as JSON: {error}",
-            "Write the file again; it may have been cut off.",
+            "Write or copy the file again; it may be missing or cut off.",
         ) from error
 
 

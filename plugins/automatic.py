@@ -133,9 +133,9 @@ def _refuse_unprepared(path: Path) -> None:
         return
     if is_file(path / REPORT):
         raise DataError(
-            f"data={path}: this result of gsfw prepare has no cameras.",
-            f"{path / REPORT} has the reason for each image. Take more photos, and give "
-            "all of them to gsfw prepare.",
+            f"data={path}: this result of gsfw prepare has no images with cameras.",
+            f"If files were moved or deleted, repeat gsfw prepare. Else {path / REPORT} has the "
+            "reason for each image: take more photos, and give all of them to gsfw prepare.",
         )
     raise DataError(
         f"data={path}: gsfw prepare has not finished this data set.",

@@ -117,9 +117,9 @@ def test_a_preparation_that_is_not_finished_or_has_no_cameras_is_named(tmp_path)
     (tmp_path / "prepare.json").touch()
     (tmp_path / "hint").touch()
     assert data_refusal(tmp_path) == (
-        f"data={tmp_path}: this result of gsfw prepare has no cameras.\n"
-        f"{tmp_path / 'prepare.json'} has the reason for each image. Take more photos, and give "
-        "all of them to gsfw prepare."
+        f"data={tmp_path}: this result of gsfw prepare has no images with cameras.\n"
+        f"If files were moved or deleted, repeat gsfw prepare. Else {tmp_path / 'prepare.json'} "
+        "has the reason for each image: take more photos, and give all of them to gsfw prepare."
     )
 
 
