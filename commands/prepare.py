@@ -68,6 +68,11 @@ class PrepareOptions(CpuExecutionOptions):
     """Number of sharp, well-spaced frames to take from all videos together."""
     poses: Literal["auto", "compute", "keep"] = "auto"
     """Compute new cameras, keep those of the data set, or auto: keep them if there are any."""
+    panoramas: Literal["auto", "true", "false"] = "auto"
+    """Cut 360-degree images (equirectangular) into views: those that metadata or pixels tell of
+    (auto), all that are twice as wide as high (true), or none (false)."""
+    panorama_views: Literal["around", "sphere"] = "around"
+    """Views of each: six around, or these and one up and one down."""
     cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
     """Images that share a camera: auto goes by EXIF, size and folder."""
     camera_model: str = "auto"
@@ -237,12 +242,14 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.camera_grouping import CameraRule
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
+    from gsfw.preparation.panorama_cutting import PanoramaRule
     from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.writing.image_output import OutputRule
     from gsfw.preparation.writing.written_files import COLMAP, TRANSFORMS
 
     rule = PreparationRule(
         frames=options.frames,
+        panoramas=PanoramaRule(options.panoramas, options.panorama_views),
         cameras=CameraRule(options.cameras, options.camera_model, options.focal),
         feature_size=options.feature_size,
         feature_count=options.features,

@@ -211,11 +211,11 @@ class Capture(DataManager):
         train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
         how = self._views[Split.TRAIN].origin
         shown = ((frame.name, frame.header.unconverted) for frame in self._frames)
-        warps = [fit.warp for fit in self._fits if fit.warp is not None]
+        undistortions = [frame.undistortion(self._rule) for frame in self._frames]
         return (
             *notes_on(self.recording.path),
             *self.recording.notes,
-            *undistortion_notes([warp.undistortion for warp in warps]),
+            *undistortion_notes([one for one in undistortions if one is not None]),
             *self._mask_notes,
             *(() if self._as_stored else color_notes(shown)),
             *self._maps.notes(),

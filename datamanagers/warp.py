@@ -15,14 +15,13 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 from threading import Lock
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 from torch.nn.functional import grid_sample, interpolate, max_pool2d
-
-from gsfw.datamanagers.undistortion import Undistortion
 
 ROWS = 128
 """Rows of a map per computation, which limits the memory of rays in float64."""
@@ -34,6 +33,47 @@ DRAWN = BETWEEN - 0.5 * BETWEEN * (1 - BETWEEN) * (2 * BETWEEN - 1)
 """For each, the kernel's centre of gravity: sum of w(i - t) i over four pixels."""
 ASKED = np.interp(BETWEEN, DRAWN, BETWEEN)
 """Requested positions whose centre of gravity is at ``BETWEEN``."""
+
+
+@runtime_checkable
+class Extent(Protocol):
+    """The size of an image in pixels."""
+
+    @property
+    def width(self) -> int:
+        """Pixels."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Pixels."""
+        ...
+
+
+@runtime_checkable
+class Resampling(Protocol):
+    """Leads from the pixels of an image to those that they show, as ``Undistortion`` does."""
+
+    @property
+    def source(self) -> Extent:
+        """The given image."""
+        ...
+
+    @property
+    def target(self) -> Extent:
+        """The image that is made."""
+        ...
+
+    @property
+    def has_blanks(self) -> bool:
+        """True if some pixels show what the given image does not have."""
+        ...
+
+    def look(
+        self, pixels: Float64[np.ndarray, "m 2"]
+    ) -> tuple[Float64[np.ndarray, "m 2"], Bool[np.ndarray, " m"]]:
+        """Source positions of the made image's pixels, and a mask of those that are there."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -51,7 +91,7 @@ class PixelMap:
         return self.positions.nbytes + (0 if self.seen is None else self.seen.nbytes)
 
     @staticmethod
-    def of(undistortion: Undistortion) -> PixelMap:
+    def of(undistortion: Resampling) -> PixelMap:
         """Compute it: 0.1 s for 1280x720 pixels."""
         source, target = undistortion.source, undistortion.target
         positions = torch.empty(target.height, target.width, 2)
@@ -86,11 +126,11 @@ class MapCache:
     def __init__(self, budget: int = MAP_BYTES) -> None:
         """Nothing is computed yet; ``budget`` is in bytes, and one map is kept in any case."""
         self._budget = budget
-        self._held: OrderedDict[Undistortion, PixelMap] = OrderedDict()
+        self._held: OrderedDict[Resampling, PixelMap] = OrderedDict()
         # Images are decoded by several threads, most of which want the same map at once.
         self._lock = Lock()
 
-    def get(self, undistortion: Undistortion) -> PixelMap:
+    def get(self, undistortion: Resampling) -> PixelMap:
         """The map, computed where it is not held."""
         with self._lock:
             if undistortion not in self._held:
@@ -105,9 +145,9 @@ class MapCache:
 
 
 class Warp:
-    """Undistorts the images of one lens."""
+    """Undistorts the images of one lens, or cuts one view out of panoramas."""
 
-    def __init__(self, undistortion: Undistortion, maps: MapCache) -> None:
+    def __init__(self, undistortion: Resampling, maps: MapCache) -> None:
         """Nothing is computed yet."""
         self.undistortion = undistortion
         self._maps = maps

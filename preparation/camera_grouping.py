@@ -24,6 +24,10 @@ Measured on the fox photos, distorted by a known lens, the mean error of the len
 2.0 (SIMPLE_RADIAL) and 2.4 (OPENCV) with 10 photos, 0.5 and 0.1 to 0.8 in two runs with 24, and
 0.5 and 0.4 with all 50: no large difference either way."""
 
+MODEL_OF_VIEWS = "SIMPLE_PINHOLE"
+"""The model of views that were cut from panoramas: their cameras are known exactly."""
+PANORAMA = "panorama"
+"""Origin of their focal lengths."""
 MODEL_OF_FEW, MODEL_OF_MANY = "SIMPLE_RADIAL", "OPENCV"
 
 USUAL_FOCAL = 1.2
@@ -67,12 +71,18 @@ def group_cameras(images: ImageSet, rule: CameraRule) -> tuple[CameraGroup, ...]
     for image in images.images:
         members.setdefault(_camera(image, rule.cameras), []).append(image)
     for shared in members.values():
-        _check_one_size(shared, rule)
+        if shared[0].view is None:
+            _check_one_size(shared, rule)
     return tuple(_group(number, found, rule) for number, found in enumerate(members.values(), 1))
 
 
 def _camera(image: SourceImage, cameras: str) -> Hashable:
-    """Equal for images that share a camera."""
+    """Equal for images that share a camera.
+
+    Views of panoramas share one with those of the same direction: a rig has several cameras.
+    """
+    if image.view is not None:
+        return PANORAMA, image.header.width, image.view.number
     if cameras == "one":
         return ""
     if cameras == "per-folder":
@@ -107,11 +117,13 @@ def _counted(names: Sequence[str]) -> str:
 
 
 def _group(number: int, images: Sequence[SourceImage], rule: CameraRule) -> CameraGroup:
-    header = images[0].header
+    header, view = images[0].header, images[0].view
     model = rule.model.upper()
-    if rule.model == AUTO:
+    if view is not None:
+        model = MODEL_OF_VIEWS
+    elif rule.model == AUTO:
         model = MODEL_OF_FEW if len(images) < FEW else MODEL_OF_MANY
-    focal, origin = _first_focal(images, rule)
+    focal, origin = _first_focal(images, rule) if view is None else (view.focal, PANORAMA)
     return CameraGroup(
         number=number,
         model=model,
@@ -120,6 +132,7 @@ def _group(number: int, images: Sequence[SourceImage], rule: CameraRule) -> Came
         focal=focal,
         focal_origin=origin,
         images=tuple(image.name for image in images),
+        view=None if view is None else view.number,
     )
 
 
@@ -149,6 +162,14 @@ class CameraGroup:
     focal: float
     """First guess, in pixels."""
     focal_origin: str
-    """Source of the focal length: "EXIF", "given", or "" for a usual one."""
+    """Source of the focal length: "EXIF", "given", "panorama" (it is exact), or "" for a usual
+    one."""
     images: tuple[str, ...]
     """Names, in the order of the set."""
+    view: int | None = None
+    """Position in ``panorama_views.DIRECTIONS``, of a camera of views of panoramas."""
+
+    @property
+    def rig(self) -> int:
+        """Number of the rig: of the first camera of the same panoramas, or its own."""
+        return self.number - (self.view or 0)

@@ -33,10 +33,11 @@ def part_of(database: Path, numbers: Collection[int]) -> bytes:
         OutputError: the disk is nearly full.
     """
     listed = ", ".join(map(str, sorted(numbers)))
-    # A frame has the number of its only image.
+    own_frames = f"SELECT frame_id FROM source.frame_data WHERE data_id IN ({listed})"
     tables = {
         **dict.fromkeys(("cameras", "rigs", "rig_sensors"), EVERY),
-        **dict.fromkeys(("frames", "frame_data"), f"frame_id IN ({listed})"),
+        "frames": f"frame_id IN ({own_frames})",
+        "frame_data": f"data_id IN ({listed})",
         **dict.fromkeys(("images", "keypoints", "descriptors"), f"image_id IN ({listed})"),
     }
     with _place(database) as folder, _readable("read features", database):

@@ -45,6 +45,27 @@ def check_room(path: Path, size: int = 0) -> None:
         )
 
 
+def check_space(folder: Path, size: int, what: str) -> None:
+    """Check that a disk has room for files.
+
+    Args:
+        folder: where they are written; it may not exist yet.
+        size: bytes of all of them, at most.
+        what: the files, in words.
+
+    Raises:
+        OutputError: it has not.
+    """
+    there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    free = shutil.disk_usage(there).free
+    if free < ROOM + size:
+        raise OutputError(
+            f"the disk is too full for {what}: they may need {(ROOM + size) // 1_000_000} MB, and "
+            f"{free // 1_000_000} MB are free.",
+            "Free some space, and the same command continues; or choose another folder: out=DIR.",
+        )
+
+
 def _size_limit() -> float:
     """Bytes that the system lets this process write to a file."""
     if sys.platform == "win32":

@@ -6,15 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.disk import check_room
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.panorama_views import DIRECTIONS
 from gsfw.preparation.sift import ImageFeatures
 
 if TYPE_CHECKING:
-    from pycolmap import Camera
+    from pycolmap import Camera, Image
 
 
 def camera_of(group: CameraGroup) -> Camera:
@@ -51,7 +54,7 @@ class FeatureDatabase:
         check_room(path)
         with readable_native_errors("open the features", path):
             self._database = pycolmap.Database.open(path)
-        self._numbers = image_numbers(images)
+        self._images, self._numbers = images, image_numbers(images)
         self._groups: Mapping[str, CameraGroup] = {
             name: group for group in groups for name in group.images
         }
@@ -90,20 +93,40 @@ class FeatureDatabase:
                 self._write_camera(group)
             image = pycolmap.Image(name=features.name, camera_id=group.number, image_id=number)
             self._database.write_image(image, use_image_id=True)
-            frame = pycolmap.Frame(frame_id=number, rig_id=group.number)
-            frame.add_data_id(image.data_id)
-            self._database.write_frame(frame, use_frame_id=True)
+            self._write_frame(image, number, group)
             self._database.write_keypoints(number, features.keypoints)
             sift = pycolmap.FeatureExtractorType.SIFT
             descriptors = pycolmap.FeatureDescriptors(type=sift, data=features.descriptors)
             self._database.write_descriptors(number, descriptors)
 
-    def _write_camera(self, group: CameraGroup) -> None:
-        """A camera, and the rig of one camera that COLMAP wants."""
+    def _write_frame(self, image: Image, number: int, group: CameraGroup) -> None:
+        """The frame of an image: views of one panorama share one, with the number of the first."""
         import pycolmap
 
-        camera = camera_of(group)
-        self._database.write_camera(camera, use_camera_id=True)
-        rig = pycolmap.Rig(rig_id=group.number)
-        rig.add_ref_sensor(camera.sensor_id)
+        view = self._images.by_name[image.name].view
+        place = number - (0 if view is None else view.number)
+        if self._database.exists_frame(place):
+            frame = self._database.read_frame(place)
+            frame.add_data_id(image.data_id)
+            self._database.update_frame(frame)
+            return
+        frame = pycolmap.Frame(frame_id=place, rig_id=group.rig)
+        frame.add_data_id(image.data_id)
+        self._database.write_frame(frame, use_frame_id=True)
+
+    def _write_camera(self, group: CameraGroup) -> None:
+        """A camera and its rig, with all cameras of the rig, which COLMAP wants to know at once."""
+        import pycolmap
+
+        rig = pycolmap.Rig(rig_id=group.rig)
+        for one in (one for one in self._groups.values() if one.rig == group.rig):
+            camera = camera_of(one)
+            if self._database.exists_camera(one.number):
+                continue
+            self._database.write_camera(camera, use_camera_id=True)
+            if one.number == one.rig:
+                rig.add_ref_sensor(camera.sensor_id)
+            else:
+                turn = pycolmap.Rotation3d(DIRECTIONS[one.view or 0].from_panorama)
+                rig.add_sensor(camera.sensor_id, pycolmap.Rigid3d(turn, np.zeros(3)))
         self._database.write_rig(rig, use_rig_id=True)

@@ -34,16 +34,11 @@ RAW = ForeignFormat(
     "Develop all of them with the same settings, and uncropped, to JPEG, PNG or TIFF: with the "
     "camera's own program, or darktable-cli IN OUT.jpg for each.",
 )
-CUT_PANORAMA = (
-    "Cut each into views of a pinhole camera, at yaw=-120, -60, 0, 60, 120 and 180: ffmpeg -i IN "
-    "-vf v360=e:flat:yaw=0:h_fov=90:v_fov=90:w=1200:h=1200 OUT.jpg (OUT.mp4 for a video); and "
-    "prepare the folder of all views with cameras=one camera_model=SIMPLE_PINHOLE focal=600."
+STITCH = (
+    "Export it as a panorama of all directions (equirectangular, 2:1) with the camera's program; "
+    "gsfw cuts that into views itself."
 )
-PANORAMA = ForeignFormat("360-degree panorama (equirectangular)", CUT_PANORAMA)
-TWO_FISHEYES = (
-    "Its images are two circles of fisheye lenses: export panoramas (equirectangular) with the "
-    f"camera's program. {CUT_PANORAMA}"
-)
+TWO_FISHEYES = f"Its images are those of several lenses, and not stitched. {STITCH}"
 OTHER_IMAGE = "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each."
 OTHER_VIDEO = "Convert them to MP4: ffmpeg -i IN OUT.mp4 for each."
 
@@ -53,8 +48,9 @@ RAW_EXTENSIONS = (
     *(".srw", ".x3f"),
 )
 
-TWO_FISHEYE_EXTENSIONS = (".insp", ".insv")
-"""Extensions of cameras with two lenses; .insp files are JPEG files by content."""
+TWO_FISHEYE_EXTENSIONS = (".insp", ".insv", ".360")
+"""Extensions of cameras with two lenses; .insp files are JPEG files by content, and .360 files of
+GoPro MAX hold the faces of a cube."""
 
 BY_EXTENSION = {
     **dict.fromkeys(HEIC_EXTENSIONS, HEIC),

@@ -18,14 +18,12 @@ from gsfw.datamanagers.images import EXTENSIONS, FORMATS, Header, read_header
 from gsfw.preparation.foreign_formats import (
     BY_EXTENSION,
     HEAD,
-    PANORAMA,
     RAW_EXTENSIONS,
     TWO_FISHEYE_EXTENSIONS,
     foreign_format,
 )
 from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.input_files import InputFile
-from gsfw.preparation.panorama import says_panorama
 
 KNOWN = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 
@@ -82,8 +80,6 @@ def _examined(file: InputFile, head: bytes, claims: bool) -> ImageFile | LeftOut
         if foreign is not None:
             return LeftOut(file.name, foreign.reason, foreign.advice)
         return LeftOut(file.name, *_why(file, head, error)) if claims else None
-    if says_panorama(file.path, header):
-        return LeftOut(file.name, PANORAMA.reason, PANORAMA.advice)
     return ImageFile(file, header, content, pages)
 
 

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.exif import Exif
+
+
+@dataclass(frozen=True)
+class ViewOfPanorama:
+    """The place of a view in the panorama that it was cut from."""
+
+    panorama: str
+    """Name of the panorama; all of its views follow each other in a set."""
+    number: int
+    """Position of its direction in ``panorama_views.DIRECTIONS``."""
+    focal: float
+    """Focal length in pixels, which is known exactly."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +38,13 @@ class SourceImage:
     """The folder or the video it comes from; empty where there is only one."""
     time: float | None = None
     """Seconds from the first frame of its video; ``None`` for photos."""
+    view: ViewOfPanorama | None = None
+    """``None`` for an image that a camera has taken."""
+
+    @property
+    def shot(self) -> str:
+        """Equal for images that one camera took at once: the views of a panorama."""
+        return self.name if self.view is None else f"/{self.view.panorama}"
 
 
 @dataclass(frozen=True)
@@ -52,6 +71,11 @@ class ImageSet:
     def by_name(self) -> Mapping[str, SourceImage]:
         """Images by their names."""
         return {image.name: image for image in self.images}
+
+    def whole_shots(self, names: Collection[str]) -> set[str]:
+        """Those of some names whose shot is among them with all of its images."""
+        others = {image.shot for image in self.images if image.name not in names}
+        return {name for name in names if self.by_name[name].shot not in others}
 
     @cached_property
     def groups(self) -> Mapping[str, tuple[SourceImage, ...]]:

@@ -13,10 +13,16 @@ from gsfw.core.errors import ConfigError
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.match_list import Pair
 from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.panorama_views import DIRECTIONS
 from gsfw.preparation.retrieval import look_alikes
 
 Likeness = Mapping[str, Sequence[str]]
 """For each image the others, the most alike first."""
+BESIDE = 3
+"""Frames of panoramas up to which all views of overlapping directions are compared; beyond, views
+of one direction are."""
+OVERLAPPING = 60.0
+"""Degrees between two directions of views that overlap, in panoramas that look the same way."""
 ELSEWHERE = 10
 """Look-alikes of a frame that are not its neighbours in time, and those in other folders."""
 
@@ -98,7 +104,9 @@ def _held(database: Path) -> set[str]:
 
 
 def _exhaustive(chosen: Sequence[SourceImage], rule: MatchingRule) -> PairPlan:
-    pairs = tuple((one.name, other.name) for one, other in combinations(chosen, 2))
+    pairs = tuple(
+        (one.name, other.name) for one, other in combinations(chosen, 2) if one.shot != other.shot
+    )
     why = f", as there are at most {rule.exhaustive_up_to}" if rule.matching == "auto" else ""
     return PairPlan(pairs, f"pairs: all {len(pairs)} of {len(chosen)} images{why}.")
 
@@ -106,7 +114,7 @@ def _exhaustive(chosen: Sequence[SourceImage], rule: MatchingRule) -> PairPlan:
 def _retrieved(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Likeness) -> PairPlan:
     pairs = _Pairs(chosen)
     for image in chosen:
-        names = likeness.get(image.name, ())
+        names = pairs.others(image.name, likeness)
         pairs.add(image.name, names, rule.neighbors)
         # The most alike may all be in the same folder, and folders would stay apart.
         elsewhere = [name for name in names if pairs.apart(image.name, name)]
@@ -120,12 +128,18 @@ def _retrieved(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Like
 def _sequential(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Likeness) -> PairPlan:
     pairs = _Pairs(chosen)
     steps = {*range(1, rule.overlap + 1), *(2**power for power in range(rule.overlap))}
-    for own in pairs.members.values():
-        for place, name in enumerate(own):
-            ahead = [own[place + step] for step in sorted(steps) if place + step < len(own)]
-            pairs.add(name, ahead, len(ahead))
+    for shots in pairs.members.values():
+        for place, own in enumerate(shots):
+            for step in (step for step in sorted(steps) if place + step < len(shots)):
+                for image in own:
+                    ahead = [
+                        other.name
+                        for other in shots[place + step]
+                        if _may_overlap(image, other, step)
+                    ]
+                    pairs.add(image.name, ahead, len(ahead))
     for image in chosen:
-        names = likeness.get(image.name, ())
+        names = pairs.others(image.name, likeness)
         loops = [name for name in names if pairs.gap(image.name, name) > rule.overlap]
         pairs.add(image.name, loops, ELSEWHERE)
         elsewhere = [name for name in loops if pairs.apart(image.name, name)]
@@ -137,6 +151,15 @@ def _sequential(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Lik
         f"{why} and, to close loops, with the {ELSEWHERE} most alike elsewhere{apart}, "
         f"by {_vocabulary(rule)}."
     )
+
+
+def _may_overlap(image: SourceImage, other: SourceImage, step: int) -> bool:
+    """True if two images of one video, ``step`` frames apart, probably show the same."""
+    if image.view is None or other.view is None or image.view.number == other.view.number:
+        return True
+    ahead, aside = (DIRECTIONS[one.number].from_panorama[2] for one in (image.view, other.view))
+    angle = math.degrees(math.acos(min(1.0, float(ahead @ aside))))
+    return step <= BESIDE and angle < OVERLAPPING + 1
 
 
 def _vocabulary(rule: MatchingRule) -> str:
@@ -151,11 +174,17 @@ class _Pairs:
     def __init__(self, chosen: Sequence[SourceImage]) -> None:
         self._order = {image.name: place for place, image in enumerate(chosen)}
         self._groups = {image.name: image.group for image in chosen}
-        self.members: dict[str, list[str]] = {}
+        self._shots = {image.name: image.shot for image in chosen}
+        shots: dict[str, dict[str, list[SourceImage]]] = {}
         for image in chosen:
-            self.members.setdefault(image.group, []).append(image.name)
+            shots.setdefault(image.group, {}).setdefault(image.shot, []).append(image)
+        self.members = {group: list(own.values()) for group, own in shots.items()}
+        """Images by their groups and the moments that they were taken at."""
         self._places = {
-            name: place for own in self.members.values() for place, name in enumerate(own)
+            image.name: place
+            for own in self.members.values()
+            for place, shot in enumerate(own)
+            for image in shot
         }
         self._pairs: set[tuple[int, int]] = set()
 
@@ -163,6 +192,11 @@ class _Pairs:
     def groups(self) -> int:
         """Number of folders and videos."""
         return len(self.members)
+
+    def others(self, name: str, likeness: Likeness) -> list[str]:
+        """The look-alikes of an image that were not taken with it at once."""
+        shots = self._shots
+        return [one for one in likeness.get(name, ()) if shots[one] != shots[name]]
 
     def apart(self, name: str, other: str) -> bool:
         """True if two images are of different folders or videos."""

@@ -1,21 +1,31 @@
-"""Panorama: photos of 360 degrees, which no camera of structure from motion describes."""
+"""Panorama: which images show all directions, by their metadata or by their pixels.
+
+Metadata are those of Google's photo spheres (https://developers.google.com/streetview/spherical-
+metadata), which cameras of 360 degrees and stitching programs write.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32, UInt8
 from PIL import Image
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.images import FORMATS, Header, decode
-from gsfw.preparation.foreign_formats import CUT_PANORAMA
-from gsfw.preparation.image_set import ImageSet
 
-XMP = b"equirectangular"
+EQUIRECTANGULAR = b"equirectangular"
 """The value of GPano:ProjectionType in the XMP data of panoramas."""
+SIZES = ("CroppedAreaImageWidthPixels", "FullPanoWidthPixels")
+SIZES_DOWN = ("CroppedAreaImageHeightPixels", "FullPanoHeightPixels")
+"""GPano's names of the size of what is there, and of all directions."""
+ODD = 0.02
+"""Deviation of the proportions from 2:1, in parts of the width, of some programs' panoramas."""
 SMALL = (256, 128)
 """Width and height at which the edges of an image are compared."""
 JOINED, APART = 2.0, 0.7
@@ -24,41 +34,96 @@ neighbouring columns, and than this part of the difference from columns elsewher
 0.4 to 0.5 in the test's panorama; 3.2 and more, and 0.6 to 3.3, in 31 views of a pinhole."""
 PLAIN = 4.0
 """Mean difference of columns, of 255, below which edges look alike for lack of content."""
+BLACK = 12.0
+"""Mean level, of 255, of what lies around the circles of two fisheyes, at most."""
+BRIGHTER = 3.0
+"""Ratio of the levels in and around the circles, at least."""
 
 
-def says_panorama(path: Path, header: Header) -> bool:
-    """True if an image's XMP data say that it is a panorama, and its proportions agree."""
-    if header.width != 2 * header.height:
-        return False
+class Kind(Enum):
+    """The content of an image."""
+
+    VIEW = "view"
+    """The view of a camera with one lens."""
+    PANORAMA = "panorama"
+    """All directions, equirectangular."""
+    PART = "part of a panorama"
+    """Some directions, equirectangular."""
+    FISHEYES = "two fisheyes"
+    """Two circles, as a camera with two lenses sees them before they are stitched."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """The kind of an image, and whether its metadata or its pixels tell it."""
+
+    kind: Kind
+    is_said: bool = False
+
+
+def is_twice_as_wide(header: Header) -> bool:
+    """True if an image has the proportions of a panorama of all directions."""
+    return abs(header.width - 2 * header.height) <= ODD * header.width
+
+
+def look_at(path: Path, header: Header) -> Look:
+    """The kind of an image, as far as can be told; ``Kind.VIEW`` where it cannot be read."""
+    said = _said(path, header)
+    if said is not None:
+        return Look(said, is_said=True)
+    if header.width != 2 * header.height or header.width < SMALL[0]:
+        return Look(Kind.VIEW)
+    try:
+        pixels = decode(path, header, SMALL)[..., :3]
+    except DataError:
+        return Look(Kind.VIEW)
+    if _are_circles(pixels):
+        return Look(Kind.FISHEYES)
+    return Look(Kind.PANORAMA if _is_joined(pixels) else Kind.VIEW)
+
+
+def _said(path: Path, header: Header) -> Kind | None:
+    """The kind that XMP data tell, where the proportions agree; else ``None``."""
     try:
         with BoundedFile(path) as file, Image.open(file, formats=FORMATS) as image:
             xmp = image.info.get("xmp", b"")
     except Exception:  # Pillow raises whatever a broken file makes it.
-        return False
-    return XMP in (xmp if isinstance(xmp, bytes) else str(xmp).encode())
+        return None
+    text = xmp if isinstance(xmp, bytes) else str(xmp).encode()
+    if EQUIRECTANGULAR not in text:
+        return None
+    (width, full_width), (height, full_height) = (
+        [_number(text, name) for name in names] for names in (SIZES, SIZES_DOWN)
+    )
+    is_part = (width, height) != (full_width, full_height)
+    if is_part and 0 not in (width, height, full_width, full_height):
+        # A view that was cut out may have kept the data of its panorama.
+        is_whole_file = abs(width * header.height - height * header.width) <= ODD * width * height
+        return Kind.PART if is_whole_file else None
+    return Kind.PANORAMA if is_twice_as_wide(header) else None
 
 
-def panorama_notes(images: ImageSet) -> Iterator[str]:
-    """A note on images that look like panoramas, by the first of each folder and video."""
-    for group, members in images.groups.items():
-        first = members[0]
-        if _looks_like_panorama(first.path, first.header):
-            where = f" in {group}" if group else ""
-            yield (
-                f"images{where} look like panoramas of 360 degrees, which no camera model "
-                f"describes, as the edges of {first.name} continue each other. {CUT_PANORAMA}"
-            )
+def _number(xmp: bytes, name: str) -> int:
+    """A number of GPano, as an attribute or an element; 0 where it is not there."""
+    found = re.search(rb"GPano:%s\s*(?:=\s*[\"']|>)\s*(\d{1,9})" % name.encode(), xmp)
+    return int(found.group(1)) if found else 0
 
 
-def _looks_like_panorama(path: Path, header: Header) -> bool:
-    """True if an image has the proportions of a panorama, and its left edge continues its right."""
-    if header.width != 2 * header.height or header.width < SMALL[0]:
-        return False
-    try:
-        pixels = decode(path, header, SMALL)[..., :3]
-    except DataError:
-        return False
-    columns = pixels.astype(np.float32)
+def _are_circles(pixels: UInt8[np.ndarray, "h w 3"]) -> bool:
+    """True if both halves are black around a circle that touches their edges."""
+    height, width = pixels.shape[:2]
+    y, x = np.mgrid[:height, : width // 2] + 0.5
+    radius = np.hypot(x / (width / 4) - 1, y / (height / 2) - 1)
+    for half in (pixels[:, : width // 2], pixels[:, width - width // 2 :]):
+        around, inside = half[radius > 1.05].mean(), half[radius < 1].mean()
+        if around > BLACK or inside < BRIGHTER * max(around, 1.0):
+            return False
+    return True
+
+
+def _is_joined(pixels: UInt8[np.ndarray, "h w 3"]) -> bool:
+    """True if the left edge continues the right one."""
+    columns: Float32[np.ndarray, "h w 3"] = pixels.astype(np.float32)
     first, others = columns[:, :1], columns[:, columns.shape[1] // 4 :: 16]
     across = float(np.abs(columns[:, 0] - columns[:, -1]).mean())
     beside = float(np.abs(np.diff(columns, axis=1)).mean())

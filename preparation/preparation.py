@@ -15,7 +15,7 @@ from gsfw.preparation.camera_grouping import group_cameras
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.journal import Document, Journal
-from gsfw.preparation.panorama import panorama_notes
+from gsfw.preparation.panorama_cutting import cut_panoramas
 from gsfw.preparation.preparation_rule import PreparationRule
 from gsfw.preparation.registration import Choices, register
 from gsfw.preparation.retrieval import check_vocabulary
@@ -67,8 +67,6 @@ class Preparation:
         if self._rule.matching.vocabulary is not None:
             check_vocabulary(self._rule.matching.vocabulary)
         images = self._images()
-        for note in panorama_notes(images):
-            self._say(f"note: {note}")
         groups = group_cameras(images, self._rule.cameras)
         found = register(images, groups, self._place, self._rule, self._journal, self._choices)
         written = self._write(images, found.mapping)
@@ -79,17 +77,14 @@ class Preparation:
         source = read_source(self._inputs, self._place.path, self._place.photos)
         for note in source.notes:
             self._say(f"note: {note}")
-        if not source.videos:
-            return source.images
-        photos = source.images.images
-        frames = frames_of_videos(
-            source.videos, self._rule.frames, photos, self._place, self._journal, self._say
-        )
-        return replace(
-            source.images,
-            images=(*photos, *frames),
-            in_order=not photos,
-        )
+        images = source.images
+        if source.videos:
+            photos = images.images
+            frames = frames_of_videos(
+                source.videos, self._rule.frames, photos, self._place, self._journal, self._say
+            )
+            images = replace(images, images=(*photos, *frames), in_order=not photos)
+        return cut_panoramas(images, self._rule.panoramas, self._place.views, self._choices)
 
     def _write(self, images: ImageSet, mapping: Mapping) -> Document:
         from gsfw.preparation.writing.data_set import write_data_set

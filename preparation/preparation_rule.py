@@ -9,6 +9,7 @@ from gsfw.preparation.features import check_wanted
 from gsfw.preparation.machines import Machines
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
+from gsfw.preparation.panorama_cutting import PanoramaRule
 from gsfw.preparation.writing.image_output import OutputRule
 from gsfw.preparation.writing.written_files import COLMAP
 
@@ -19,6 +20,7 @@ class PreparationRule:
 
     frames: int = 150
     """Number of frames to take from all videos together."""
+    panoramas: PanoramaRule = field(default_factory=PanoramaRule)
     cameras: CameraRule = field(default_factory=CameraRule)
     feature_size: int | None = None
     """Longest side of images for features, in pixels; ``None`` to choose for the machine."""

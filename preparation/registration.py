@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
+from gsfw.preparation.camera_grouping import PANORAMA
 from gsfw.preparation.diagnosis.unregistered import FEW as FEW_FEATURES
 from gsfw.preparation.diagnosis.usual import blurred_beside
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.journal import Document, Journal, identity_of
-from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.preparation_rule import PreparationRule
 from gsfw.preparation.simpler_lenses import (
     MOST_ATTEMPTS,
@@ -157,7 +157,8 @@ def _shortcoming(found: Registered) -> str:
     missing = len(usable - placed)
     if missing > MISSING * len(usable):
         return f"{missing} of {len(usable)} usable images could not be placed"
-    seen = model.compute_mean_observations_per_reg_image()
+    # A view of a panorama may see nothing, and has the pose of the others.
+    seen = model.compute_num_observations() / max(1, model.num_reg_frames())
     return f"an image sees only {seen:.0f} points" if seen < FEW_OBSERVATIONS else ""
 
 
@@ -174,9 +175,11 @@ class Registration:
         self._place, self._rule, self._journal = place, rule, journal
         self._choices = Choices(say)
         self._thorough = bool(rule.thorough)
+        self._mapping_rule = replace(rule.mapping, jobs=rule.jobs, thorough=self._thorough)
 
     def run(self, images: ImageSet, groups: Sequence[CameraGroup]) -> Registered:
         """Do what is not done yet."""
+        self._images = images
         settings = self._settings(images)
         features = self._features(images, groups, settings)
         self._match(images)
@@ -250,6 +253,8 @@ class Registration:
         self, groups: Sequence[CameraGroup], features: dict[str, FeatureReport]
     ) -> tuple[Sequence[CameraGroup], Mapping]:
         """Cameras, with simpler lenses where those that were chosen come out impossible."""
+        known = tuple(one.number for one in groups if one.focal_origin == PANORAMA)
+        self._mapping_rule = replace(self._mapping_rule, known_cameras=known)
         mapping = self._map_with(groups, features, "")
         is_chosen = self._rule.cameras.model == AUTO
         for attempt in range(2, MOST_ATTEMPTS + 1):
@@ -305,7 +310,7 @@ class Registration:
         def bridge() -> Document:
             placed = [image.name for image in Reconstruction(mapping.models[0]).images.values()]
             # A blurred image that only just fits does more harm than good in training.
-            blurred = blurred_beside(features, placed)
+            blurred = self._images.whole_shots(blurred_beside(features, placed))
             self._choices.say(
                 f"cameras: the largest of {len(mapping.models)} models has {mapping.sizes[0]} "
                 "images; comparing the others with it again, more closely"
@@ -322,10 +327,6 @@ class Registration:
         name = self._named("bridges", attempt)
         is_there = partial(_are_there, folder)
         return Mapping.of(self._journal.stage(name, {}, bridge, is_there=is_there), folder)
-
-    @property
-    def _mapping_rule(self) -> MappingRule:
-        return replace(self._rule.mapping, jobs=self._rule.jobs, thorough=self._thorough)
 
 
 def _are_there(folder: Path, found: Document) -> bool:

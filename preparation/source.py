@@ -17,14 +17,7 @@ from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.finding import listed, remedies
-from gsfw.preparation.foreign_formats import (
-    BRANDS,
-    BY_EXTENSION,
-    HEIC,
-    MISNAMED_VIDEO,
-    PANORAMA,
-    RAW,
-)
+from gsfw.preparation.foreign_formats import BRANDS, BY_EXTENSION, HEIC, MISNAMED_VIDEO, RAW
 from gsfw.preparation.heic import Converted, with_jpeg
 from gsfw.preparation.image_file import (
     KNOWN,
@@ -41,8 +34,7 @@ from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
 LIVE_CLIP = ".mov"
 """iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
 FOREIGN = {
-    kind.reason: kind.name
-    for kind in (*BY_EXTENSION.values(), *BRANDS.values(), MISNAMED_VIDEO, PANORAMA)
+    kind.reason: kind.name for kind in (*BY_EXTENSION.values(), *BRANDS.values(), MISNAMED_VIDEO)
 }
 """Names of the formats that are not read, by the reason why files of them are left out."""
 SMALL = 0.25

@@ -67,6 +67,11 @@ class Workspace:
         return self.work / "photos"
 
     @property
+    def views(self) -> Path:
+        """Views that were cut from panoramas."""
+        return self.work / "views"
+
+    @property
     def database(self) -> Path:
         """COLMAP's features and matches."""
         return self.attempt_folder / "database.db"

@@ -209,7 +209,9 @@ class Angles:
                 widest.append(float(angles[np.ix_(used, used)].max()))
         own = np.maximum(np.diag(shared), 1)
         near = (shared >= OVERLAP * own[:, None]) & (shared > 0) & trained
-        np.fill_diagonal(near, False)
+        # Views from one place, as of a panorama, tell no depth to each other.
+        centers = viewpoints.centers[places]
+        near &= np.linalg.norm(centers[:, None] - centers, axis=2) > SAME_POSE
         mean = np.where(near, total / np.maximum(shared, 1), np.inf).min(1, initial=np.inf)
         nearest = np.where(np.isfinite(mean), mean, np.nan)
         return Angles(nearest, float(np.median(widest)) if widest else 0.0, tuple(places.tolist()))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.words import counted
-from gsfw.preparation.camera_grouping import CameraGroup
+from gsfw.preparation.camera_grouping import PANORAMA, CameraGroup
 from gsfw.preparation.diagnosis.camera_findings import camera_findings, focal_findings
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component
@@ -108,9 +108,26 @@ def diagnose(
         components=evidence.components,
         bridges=evidence.bridges,
         model=figures,
-        figures=tuple(words_of(figures, evidence.given)) if figures is not None else (),
+        figures=(*words_of(figures, evidence.given), *_on_views(images)) if figures else (),
         findings=sorted_findings(finding for judge in JUDGES for finding in judge(evidence)),
     )
+
+
+def _on_views(images: ImageSet) -> Iterator[str]:
+    """The sentence on views of panoramas, where there are any."""
+    views = [image for image in images.images if image.view is not None]
+    if views:
+        count = len({image.shot for image in views})
+        focals = sorted({image.view.focal for image in views if image.view is not None})
+        yield (
+            f"{len(views)} of {len(images.images)} images are views of "
+            f"{counted(count, 'panorama')}; the focal length of {_numbers(focals)} pixels is "
+            "exact."
+        )
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return " or ".join(f"{value:.0f}" for value in values)
 
 
 def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
@@ -145,14 +162,15 @@ def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
         )
     if math.isfinite(baselines.cloud_to_spread):
         yield (f"The points extend {baselines.cloud_to_spread:.1f} times as far as the cameras do.")
-    if len(figures.cameras) > MOST_CAMERAS:
-        focals = [camera.focal for camera in figures.cameras]
+    cameras = [camera for camera in figures.cameras if camera.focal_origin != PANORAMA]
+    if len(cameras) > MOST_CAMERAS:
+        focals = [camera.focal for camera in cameras]
         yield (
             f"{len(focals)} cameras have focal lengths of {min(focals):.0f} to {max(focals):.0f} "
             "pixels; prepare.json lists them."
         )
     else:
-        yield from map(_camera, figures.cameras)
+        yield from map(_camera, cameras)
 
 
 def _camera(camera: CameraFigures) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,8 @@ class MatchGraph:
     """Typical part of two images' matches that stays in place although the view moves."""
     repeated: float = 0.0
     """Typical part of an image's features whose like is in it elsewhere."""
+    shots: Mapping[str, str] = field(default_factory=dict)
+    """The panorama of each view of one, by name: its views belong together without a match."""
 
     @staticmethod
     def read(database: Path, images: ImageSet) -> MatchGraph:
@@ -86,8 +88,9 @@ class MatchGraph:
         kinds = pycolmap.TwoViewGeometryConfiguration
         flat_kinds = [int(k) for k in (kinds.PLANAR, kinds.PANORAMIC, kinds.PLANAR_OR_PANORAMIC)]
         names = tuple(image.name for image in images.images)
+        shots = {image.name: image.shot for image in images.images if image.view is not None}
         if not database.exists():
-            return MatchGraph(names, ())
+            return MatchGraph(names, (), shots=shots)
         with (
             readable_native_errors("read the matches", database),
             pycolmap.Database.open(database) as opened,
@@ -109,7 +112,7 @@ class MatchGraph:
                 elif matches.get(pair):
                     links.append(Link(*ends, matches[pair]))
             still, repeated = places.still(links), repeated_share(opened)
-            return MatchGraph(names, tuple(links), still, repeated)
+            return MatchGraph(names, tuple(links), still, repeated, shots)
 
     @property
     def has_overlay(self) -> bool:
@@ -145,6 +148,11 @@ class MatchGraph:
         """Components of two images or more; those with most placed images come first."""
         number = self._numbers
         pairs = [(number[link.first], number[link.second]) for link in self.links if link.joins]
+        first: dict[str, int] = {}
+        pairs += [
+            (first.setdefault(shot, number[name]), number[name])
+            for name, shot in self.shots.items()
+        ]
         rows, columns = np.array(pairs, int).reshape(-1, 2).T
         size = len(self.names)
         graph = sparse.coo_array((np.ones(len(rows)), (rows, columns)), (size, size))

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.own_focals import own_focals
@@ -142,7 +142,7 @@ class ModelFigures:
             baselines=_baselines(model, seen),
             cameras=_cameras(model, groups),
             stretch=stretch_of(model, seen, places, offsets),
-            own_focals=own_focals(model),
+            own_focals=own_focals(model, [one.number for one in groups if one.view is not None]),
         )
 
     def document(self) -> dict[str, Any]:
@@ -169,8 +169,8 @@ def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
         return BaselineFigures(*[float("nan")] * 5)
     centers = np.array([image.projection_center() for image in images])
     views = np.array([image.viewing_direction() for image in images])
-    distances, neighbors = _nearest(centers)
-    cosines = np.clip((views * views[neighbors]).sum(axis=1), -1, 1)
+    frames = np.array([image.frame_id for image in images])
+    distances, cosines = _nearest(centers, views, frames)
     depths = ((seen.positions[seen.points] - centers[seen.images]) * views[seen.images]).sum(1)
     ratios = [
         distance / np.median(depths[own])
@@ -189,14 +189,27 @@ def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
 
 def _nearest(
     centers: Float64[np.ndarray, "r 3"],
-) -> tuple[Float64[np.ndarray, " r"], np.ndarray]:
-    """Distance of each camera to the nearest other one, and the index of that one."""
+    views: Float64[np.ndarray, "r 3"],
+    frames: Int64[np.ndarray, " r"],
+) -> tuple[Float64[np.ndarray, " r"], Float64[np.ndarray, " r"]]:
+    """Distance of each camera to the nearest other one, and the cosine between their directions.
+
+    Views of one panorama, which share a frame, have their neighbour in another, if there is one:
+    the view there of the most similar direction.
+    """
     from scipy.spatial import KDTree
 
-    distances, neighbors = KDTree(centers).query(centers, k=2)
+    _, first, own = np.unique(frames, return_index=True, return_inverse=True)
+    if len(first) < 2:
+        return np.zeros(len(centers)), np.ones(len(centers))
+    distances, neighbors = KDTree(centers[first]).query(centers[first], k=2)
     # Of two cameras in one place either may come first.
-    itself = neighbors[:, 0] == np.arange(len(centers))
-    return distances[:, 1], np.where(itself, neighbors[:, 1], neighbors[:, 0])
+    itself = neighbors[:, 0] == np.arange(len(first))
+    there = np.where(itself, neighbors[:, 1], neighbors[:, 0])[own]
+    cosines = np.array(
+        [(views[own == other] @ view).max() for view, other in zip(views, there, strict=True)]
+    )
+    return distances[own, 1], cosines.clip(-1, 1)
 
 
 def _cloud_radius(positions: Float64[np.ndarray, "p 3"]) -> float:

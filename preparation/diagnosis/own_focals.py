@@ -6,6 +6,7 @@ One more bundle adjustment, in which each image has a focal length of its own, u
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,12 +44,17 @@ PER_IMAGE = (
 """Remedy for images of several focal lengths that share a camera."""
 
 
-def own_focals(model: Reconstruction) -> dict[str, float]:
-    """Focal lengths in pixels by image, of those that surely have another than their camera."""
+def own_focals(model: Reconstruction, known_cameras: Collection[int] = ()) -> dict[str, float]:
+    """Focal lengths in pixels by image, of those that surely have another than their camera.
+
+    Args:
+        model: with any lenses.
+        known_cameras: numbers of those that need no look.
+    """
     import pycolmap
 
     used = [model.image(number).camera_id for number in model.reg_image_ids()]
-    if len(set(used)) == len(used):
+    if len(set(used)) == len(used) or set(used) <= set(known_cameras):
         return {}
     sample = _sampled(model)
     # The adjustment would leave these out, and errors be of other observations than before.
@@ -61,7 +67,7 @@ def own_focals(model: Reconstruction) -> dict[str, float]:
     found = {}
     for number in sorted(sample.reg_image_ids()):
         image = sample.image(number)
-        if image.num_points3D < LEAST:
+        if image.num_points3D < LEAST or model.image(number).camera_id in known_cameras:
             continue
         focal = sample.camera(image.camera_id).mean_focal_length()
         ratio = focal / model.camera(model.image(number).camera_id).mean_focal_length()

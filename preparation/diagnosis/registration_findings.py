@@ -40,8 +40,11 @@ def registration_findings(evidence: Evidence) -> Iterator[Finding]:
 def _no_model(evidence: Evidence) -> Finding:
     given = evidence.given
     found = f"None of {given} images could be placed: {_reasons(evidence)}."
-    if given < FEWEST:
-        images = "is only one image" if given == 1 else f"are only {given} images"
+    panoramas = {image.shot for image in evidence.images.images if image.view is not None}
+    others = given - sum(image.view is not None for image in evidence.images.images)
+    places, noun = others + len(panoramas), "panorama" if panoramas and not others else "image"
+    if places < FEWEST:
+        images = f"is only one {noun}" if places == 1 else f"are only {places} {noun}s"
         advice = "Take 50 to 150, each overlapping the next by two thirds."
         why = f"Depth needs {FEWEST} images from different places at least."
         return Finding("no cameras", Weight.STOP, f"There {images}.", why, advice)

@@ -45,7 +45,9 @@ def run_global(database: Path, folder: Path, rule: MappingRule) -> Models:
     copy, log = folder / "database.db", database.parent / LOG
     with closing(sqlite3.connect(database)) as given, closing(sqlite3.connect(copy)) as made:
         given.backup(made)
-    settings = (str(copy), str(folder), str(rule.jobs), str(int(rule.refine_focal)))
+    # GLOMAP computes all focal lengths, or none.
+    refine_focal = rule.refine_focal and not rule.known_cameras
+    settings = (str(copy), str(folder), str(rule.jobs), str(int(refine_focal)))
     with readable_write_errors(log):
         log.parent.mkdir(exist_ok=True)
         output = log.open("wb")
@@ -84,6 +86,7 @@ def _work(database: str, folder: str, jobs: int, refine_focal: bool) -> None:
     options.random_seed = options.mapper.random_seed = SEED
     options.min_model_size = SMALLEST
     options.mapper.bundle_adjustment.refine_focal_length = refine_focal
+    options.mapper.refine_sensor_from_rig = False
     options.mapper.bundle_adjustment.ceres.use_gpu = False
     options.mapper.global_positioning.use_gpu = False
     pycolmap.global_mapping(database, folder, folder, options)

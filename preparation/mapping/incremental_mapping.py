@@ -130,6 +130,9 @@ def incremental_options(rule: MappingRule, strictness: Strictness) -> Incrementa
     options.random_seed = SEED
     options.ba_refine_focal_length = rule.refine_focal
     options.mapper.abs_pose_refine_focal_length = rule.refine_focal
+    options.constant_cameras = set(rule.known_cameras)
+    # The views of a panorama have turns that are known.
+    options.ba_refine_sensor_from_rig = False
     options.mapper.init_min_num_inliers = strictness.first_pair_matches
     options.mapper.init_min_tri_angle = strictness.first_pair_degrees
     options.mapper.init_max_forward_motion = strictness.forward_motion

@@ -143,7 +143,7 @@ def continue_mapping(
     with _trial(folder, database) as trial, stage("cameras", total) as advance:
         before = [Reconstruction(path) for path in mapping.models]
         known = before[0].num_reg_images()
-        registered = _up_to(total, advance, known)
+        registered = _up_to(database, total, advance, known)
         among = _names_but(database, without)
         start = mapping.models[0]
         grown = run_incremental(database, trial, rule, RELAXED, registered, start, among)
@@ -220,7 +220,7 @@ def _incremental(
     database: Path, trial: Path, rule: MappingRule, total: int, advance: Advance
 ) -> tuple[Models, str]:
     """Models by usual thresholds; where these give few, by relaxed ones if that is better."""
-    registered = _up_to(total, advance)
+    registered = _up_to(database, total, advance)
     models = run_incremental(database, trial, rule, USUAL, registered)
     how = "incremental mapping (COLMAP)"
     if _covered(models) >= FEW * total:
@@ -232,9 +232,16 @@ def _incremental(
     return models, f"{how}, relaxed thresholds tried without success"
 
 
-def _up_to(total: int, advance: Advance, known: int = 0) -> Advance:
-    """Tells of images besides those that are known; never of more than there are."""
-    return lambda count: advance(min(known + count, total))
+def _up_to(database: Path, total: int, advance: Advance, known: int = 0) -> Advance:
+    """Tells of images besides those that are known; never of more than there are.
+
+    COLMAP counts frames, which are panoramas where images are views of them.
+    """
+    from pycolmap import Database
+
+    with Database.open(database) as opened:
+        each = total / max(1, opened.num_frames())
+    return lambda count: advance(min(known + round(count * each), total))
 
 
 def _is_better(model: Reconstruction, others: Models) -> bool:

@@ -16,6 +16,8 @@ class MappingRule:
     """True if focal lengths are computed, or stay as they were given."""
     refine_principal_point: bool = False
     """True if principal points are computed, or stay in the middle of the image."""
+    known_cameras: tuple[int, ...] = ()
+    """Numbers of the cameras that stay as they were given, whatever the others do."""
     jobs: int = 1
     """Number of threads."""
     thorough: bool = False

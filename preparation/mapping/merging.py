@@ -123,8 +123,8 @@ def _join(
 
     moved, union = Reconstruction(source), Reconstruction(target)
     moved.transform(target_from_source)
-    for number in sorted(added):
-        _add_image(union, moved, number)
+    for number in sorted({moved.image(one).frame_id for one in added}):
+        _add_frame(union, moved, number)
     union = _refined(union, database, folder, rule)
     return union if _is_sound(union, target, source, added) else None
 
@@ -186,26 +186,29 @@ def _depths(camera_from_world: Rigid3d, points: np.ndarray) -> np.ndarray:
     return depths
 
 
-def _add_image(union: Reconstruction, moved: Reconstruction, number: int) -> None:
-    """Add an image with its pose, and its camera where that is new; without points."""
+def _add_frame(union: Reconstruction, moved: Reconstruction, number: int) -> None:
+    """Add a frame with its pose and images, and its rig where that is new; without points."""
     from pycolmap import Frame, Image
 
-    image = moved.image(number)
-    given = moved.frame(image.frame_id)
-    if not union.exists_camera(image.camera_id):
-        union.add_camera(moved.camera(image.camera_id))
+    given = moved.frame(number)
     if not union.exists_rig(given.rig_id):
-        union.add_rig(moved.rig(given.rig_id))
-    frame = Frame(frame_id=given.frame_id, rig_id=given.rig_id)
+        rig = moved.rig(given.rig_id)
+        for sensor in rig.sensor_ids():
+            if not union.exists_camera(sensor.id):
+                union.add_camera(moved.camera(sensor.id))
+        union.add_rig(rig)
+    frame = Frame(frame_id=number, rig_id=given.rig_id)
     frame.rig_from_world = given.rig_from_world
     for data in given.data_ids:
         frame.add_data_id(data)
     union.add_frame(frame)
-    features = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-    added = Image(image.name, features, image.camera_id, number)
-    added.frame_id = given.frame_id
-    union.add_image(added)
-    union.register_frame(given.frame_id)
+    for data in given.data_ids:
+        image = moved.image(data.id)
+        features = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        added = Image(image.name, features, image.camera_id, data.id)
+        added.frame_id = number
+        union.add_image(added)
+    union.register_frame(number)
 
 
 def _refined(
@@ -250,7 +253,7 @@ def adjusted(
     options = adjustment_options(rule.jobs)
     options.refine_focal_length = rule.refine_focal
     options.refine_principal_point = principal_point
-    adjust(model, options)
+    adjust(model, options, rule.known_cameras)
     return model
 
 
@@ -264,7 +267,7 @@ def _is_sound(
     error = max(model.compute_mean_reprojection_error() for model in (target, source))
     return bool(
         set(union.reg_image_ids()) == set(target.reg_image_ids()) | added
-        and after.counts.min() >= IMAGE_POINTS
+        and after.by_frame(union).counts.min() >= IMAGE_POINTS
         and links[1] >= max(LINKS_KEPT * links[0], IMAGE_POINTS)
         and is_as_precise(union, error)
     )

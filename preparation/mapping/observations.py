@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -66,6 +66,18 @@ class Observations:
         """Number of points that each image sees."""
         return np.bincount(self.images, minlength=len(self.image_ids)).astype(np.int64)
 
+    def by_frame(self, model: Reconstruction) -> Observations:
+        """The same with frames, as of the views of a panorama, for images: by their first ones."""
+        frames = [model.image(number).frame_id for number in self.image_ids.tolist()]
+        _, first, positions = np.unique(frames, return_index=True, return_inverse=True)
+        if len(first) == len(frames):
+            return self
+        return replace(
+            self,
+            images=positions.astype(np.int64)[self.images],
+            image_ids=self.image_ids[first],
+        )
+
     def by_image(self) -> Iterator[tuple[int, np.ndarray]]:
         """COLMAP's id of each image, and which observations are its own."""
         order = np.argsort(self.images, kind="stable")
@@ -92,6 +104,7 @@ def held_together(seen: Observations) -> set[int]:
 
     size = (len(seen.image_ids), len(seen.positions))
     sees = sparse.csr_array((np.ones(len(seen.points)), (seen.images, seen.points)), size)
+    sees.data[:] = 1  # Neighbouring views of a panorama may see a point twice.
     holds = (sees @ sees.T) >= COMMON_POINTS
     _, groups = sparse.csgraph.connected_components(holds, directed=False)
     if not len(groups):
@@ -101,9 +114,10 @@ def held_together(seen: Observations) -> set[int]:
 
 def cut_loose(model: Reconstruction) -> int:
     """Take the poses from images that the largest group does not hold, and say how many."""
-    held = held_together(Observations.of(model))
-    loose = [number for number in model.reg_image_ids() if number not in held]
-    for number in loose:
-        model.deregister_frame(model.image(number).frame_id)
+    held = held_together(Observations.of(model).by_frame(model))
+    frames = {model.image(number).frame_id for number in held}
+    loose = [n for n in model.reg_image_ids() if model.image(n).frame_id not in frames]
+    for frame in sorted({model.image(number).frame_id for number in loose}):
+        model.deregister_frame(frame)
     model.update_point_3d_errors()
     return len(loose)

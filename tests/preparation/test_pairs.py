@@ -12,7 +12,7 @@ from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import ImageQuality
-from gsfw.preparation.image_set import ImageSet, SourceImage
+from gsfw.preparation.image_set import ImageSet, SourceImage, ViewOfPanorama
 from gsfw.preparation.pairs import MatchingRule, PairPlan, plan_pairs
 from gsfw.preparation.sift import ImageFeatures
 
@@ -141,3 +141,47 @@ def test_a_missing_vocabulary_is_refused():
         "vocabulary=words.bin: there is no such file.\n"
         "Leave it out to build a vocabulary of the images themselves."
     )
+
+
+def views(count: int, in_order: bool = False, each: int = 6) -> ImageSet:
+    """So many panoramas of one group, each as its views."""
+    header = Header(160, 160, has_alpha=False)
+    return ImageSet(
+        tuple(
+            SourceImage(
+                f"a{number:03d}_{direction}.jpg",
+                Path("nowhere"),
+                header,
+                Exif(),
+                "a",
+                view=ViewOfPanorama(f"a{number:03d}.jpg", direction, 80.0),
+            )
+            for number in range(count)
+            for direction in range(each)
+        ),
+        in_order=in_order,
+    )
+
+
+def test_views_of_one_panorama_are_not_compared_with_each_other(tmp_path):
+    plan = planned(tmp_path, views(3))
+    assert len(plan.pairs) == 3 * 6 * 6
+    assert all(first[:4] != second[:4] for first, second in plan.pairs)
+
+
+def test_views_of_a_video_are_compared_with_those_of_neighbouring_frames(
+    tmp_path, nearest_by_number
+):
+    plan = planned(tmp_path, views(40, in_order=True))
+    near = {pair[1][5:6] for pair in plan.pairs if pair[0] == "a000_0.jpg" and "a001" in pair[1]}
+    # A view overlaps those beside it; the frame is the neighbour, and not each view of it.
+    assert near == {"0", "1", "5"}
+    far = {pair[1] for pair in plan.pairs if pair[0] == "a000_0.jpg" and "a008" in pair[1]}
+    assert far == {"a008_0.jpg"}
+    assert all(first[:4] != second[:4] for first, second in plan.pairs)
+
+
+def test_look_alikes_of_a_view_are_views_of_other_panoramas(tmp_path, nearest_by_number):
+    plan = planned(tmp_path, views(40), MatchingRule("retrieval", neighbors=6))
+    assert all(first[:4] != second[:4] for first, second in plan.pairs)
+    assert len([pair for pair in plan.pairs if "a000_0.jpg" in pair]) >= 6

@@ -17,7 +17,7 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import ImageQuality
-from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage
+from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage, ViewOfPanorama
 
 SHARP = ImageQuality(0.01, 0.5, 0.2, 0.0)
 
@@ -80,3 +80,19 @@ def test_each_remedy_names_the_files_that_it_is_for():
     evidence = Evidence(ImageSet((), left_out), (), {}, MatchGraph(("e.jpg",), ()), (), None)
     (finding,) = registration_findings(replace(evidence, models=(frozenset({"e.jpg"}),)))
     assert finding.advice == ("a.heic, c.heic: Convert them. b.jpg: Copy it again from the camera.")
+
+
+def test_views_of_one_panorama_are_one_place():
+    header, names = Header(500, 500, False), tuple("abcdef")
+    images = ImageSet(
+        tuple(
+            SourceImage(
+                name, Path(name), header, Exif(), view=ViewOfPanorama("p.jpg", number, 250.0)
+            )
+            for number, name in enumerate(names)
+        )
+    )
+    reports = dict.fromkeys(names, FeatureReport(500, SHARP, 0.0, 1.0))
+    evidence = Evidence(images, (), reports, MatchGraph(names, ()), (), None)
+    (finding,) = registration_findings(evidence)
+    assert finding.found == "There is only one panorama."

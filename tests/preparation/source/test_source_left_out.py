@@ -130,3 +130,15 @@ def test_raw_files_beside_images_of_the_same_shot_need_no_advice(folder):
         "camera RAW files are not read; a.png is used",
     ]
     assert {item.advice for item in read_source([folder]).images.left_out} == {""}
+
+
+@pytest.mark.parametrize("name", ["a.insp", "a.insv", "a.360"])
+def test_files_that_are_not_stitched_are_left_out_with_a_remedy(tmp_path, name):
+    photo(tmp_path / "b.png")
+    photo(tmp_path / "c.jpg").rename(tmp_path / name)
+    source = read_source([tmp_path])
+    assert names(source) == ["b.png"]
+    (item,) = source.images.left_out
+    assert item.reason == f"{name[2:].upper()} files are not read"
+    assert "not stitched" in item.advice
+    assert "equirectangular, 2:1" in item.advice

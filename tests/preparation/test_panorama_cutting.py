@@ -1,0 +1,174 @@
+"""Cutting of panoramas: which images are cut, into what, and what is told of the others."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.panorama import colored, panorama, view
+from support.panorama_room import FULL_XMP
+
+from gsfw.core.errors import ConfigError, DataError, OutputError
+from gsfw.datamanagers.images import read_header
+from gsfw.preparation import disk
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.image_set import ImageSet, SourceImage
+from gsfw.preparation.panorama_cutting import PanoramaRule, cut_panoramas
+from gsfw.preparation.panorama_views import view_side
+from gsfw.preparation.registration import Choices
+
+
+def write(path: Path, width: int = 512, height: int = 256, xmp: bytes = b"", shift: int = 0):
+    pixels = np.roll(colored(panorama()), shift, axis=1)
+    Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX).save(path, xmp=xmp)
+
+
+def images(folder: Path, video: str = "") -> ImageSet:
+    files = sorted(folder.iterdir())
+    return ImageSet(
+        tuple(
+            SourceImage(
+                file.name,
+                file,
+                read_header(file),
+                Exif(),
+                video,
+                float(number) if video else None,
+            )
+            for number, file in enumerate(files)
+        )
+    )
+
+
+def photos(tmp_path: Path) -> Path:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    return folder
+
+
+def cut(given: ImageSet, tmp_path: Path, **choices) -> tuple[ImageSet, list[str]]:
+    said: list[str] = []
+    rule = PanoramaRule(**choices)
+    return cut_panoramas(given, rule, tmp_path / "views", Choices(said.append)), said
+
+
+def test_a_panorama_becomes_views_in_its_place(tmp_path):
+    folder = photos(tmp_path)
+    Image.fromarray(colored(view(0))).save(folder / "a.jpg")
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    Image.fromarray(colored(view(200))).save(folder / "c.jpg")
+    found, said = cut(images(folder), tmp_path)
+    views = [f"b_{name}.jpg" for name in ("000", "060", "120", "180", "240", "300")]
+    assert [one.name for one in found.images] == ["a.jpg", *views, "c.jpg"]
+    side = view_side(512)
+    for number, one in enumerate(found.images[1:7]):
+        assert read_header(one.path) == one.header
+        assert (one.header.width, one.header.height) == (side, side)
+        assert one.view is not None
+        assert (one.view.panorama, one.view.number, one.view.focal) == ("b.jpg", number, side / 2)
+    assert said == [
+        f"panoramas: 1 image of all directions cut into 6 views of 90 degrees and {side}x{side} "
+        "pixels, 6 of each (panoramas=false: used as they are)."
+    ]
+
+
+def test_a_sphere_has_views_up_and_down(tmp_path):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    found, _ = cut(images(folder), tmp_path, views="sphere")
+    assert [one.name for one in found.images[6:]] == ["b_up.jpg", "b_down.jpg"]
+
+
+def test_views_are_cut_once(tmp_path):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    first, _ = cut(images(folder), tmp_path)
+    times = [one.path.stat().st_mtime_ns for one in first.images]
+    first.images[2].path.unlink()
+    again, _ = cut(images(folder), tmp_path)
+    assert again == first
+    kept = [one.path.stat().st_mtime_ns for one in again.images]
+    assert [new == old for new, old in zip(kept, times, strict=True)] == [n != 2 for n in range(6)]
+    write(folder / "b.jpg", xmp=FULL_XMP, shift=300)
+    other, _ = cut(images(folder), tmp_path)
+    assert other.images[0].path != first.images[0].path
+
+
+def test_panoramas_of_one_size_are_cut_though_the_seam_of_one_is_seen(tmp_path):
+    folder = photos(tmp_path)
+    for number in range(3):
+        write(folder / f"{number}.jpg", shift=100 * number)
+    pixels = np.asarray(Image.open(folder / "0.jpg")).copy()
+    pixels[:, :40] = 255
+    Image.fromarray(pixels).save(folder / "0.jpg")
+    found, _ = cut(images(folder), tmp_path)
+    assert len(found.images) == 18
+
+
+def test_frames_keep_their_video_and_time(tmp_path):
+    folder = photos(tmp_path)
+    for number in range(2):
+        write(folder / f"{number}.jpg", shift=100 * number)
+    found, _ = cut(images(folder, "walk"), tmp_path)
+    assert {one.group for one in found.images} == {"walk"}
+    assert [one.time for one in found.images] == [0.0] * 6 + [1.0] * 6
+    assert len({one.shot for one in found.images}) == 2
+
+
+def test_the_user_has_the_last_word(tmp_path):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    given = images(folder)
+    assert cut(given, tmp_path, panoramas="false") == (given, [])
+    Image.fromarray(colored(view(0)[:160, :320])).save(folder / "b.jpg")
+    given = images(folder)
+    assert cut(given, tmp_path) == (given, [])
+    assert len(cut(given, tmp_path, panoramas="true")[0].images) == 6
+    Image.fromarray(colored(view(0))).save(folder / "b.jpg")
+    with pytest.raises(ConfigError, match="panoramas=true: no image is twice as wide as high"):
+        cut(images(folder), tmp_path, panoramas="true")
+
+
+def test_images_that_are_not_stitched_are_left_out_with_a_remedy(tmp_path):
+    folder = photos(tmp_path)
+    y, x = np.mgrid[:256, :512] + 0.5
+    outside = np.hypot(x % 256 - 128, y - 128) > 128
+    pixels = colored(panorama())[:512:2, :1024:2]
+    Image.fromarray(np.where(outside[..., None], 0, pixels).astype(np.uint8)).save(folder / "x.jpg")
+    with pytest.raises(DataError, match=r"x\.jpg: there is no image.* two circles of fisheye"):
+        cut(images(folder), tmp_path)
+    write(folder / "y.jpg", 640, 320, FULL_XMP)
+    found, _ = cut(images(folder), tmp_path)
+    (item,) = found.left_out
+    assert item.name == "x.jpg"
+    assert "equirectangular" in item.advice
+
+
+def test_a_damaged_panorama_is_left_out(tmp_path):
+    folder = photos(tmp_path)
+    write(folder / "a.jpg", xmp=FULL_XMP)
+    write(folder / "b.jpg", xmp=FULL_XMP, shift=200)
+    content = (folder / "a.jpg").read_bytes()
+    given = images(folder)
+    (folder / "a.jpg").write_bytes(content[: len(content) // 2])
+    found, _ = cut(given, tmp_path)
+    assert {one.shot for one in found.images} == {"/b.jpg"}
+    assert [item.name for item in found.left_out] == ["a.jpg"]
+
+
+def test_a_disk_without_room_is_told_before_cutting(tmp_path, monkeypatch):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    usage = disk.shutil.disk_usage(tmp_path)._replace(free=1_000_000)
+    monkeypatch.setattr(disk.shutil, "disk_usage", lambda path: usage)
+    with pytest.raises(OutputError, match="the disk is too full for views of panoramas"):
+        cut(images(folder), tmp_path)
+
+
+def test_names_of_views_do_not_hide_photos(tmp_path):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    Image.fromarray(colored(view(0))).save(folder / "b_060.jpg")
+    given = images(folder)
+    found, _ = cut(given, tmp_path)
+    assert len(found.by_name) == 7

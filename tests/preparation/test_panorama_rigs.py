@@ -1,0 +1,189 @@
+"""Rigs of panoramas: their views keep one centre and their turns, whatever is computed."""
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from support.panorama_room import Walk
+
+from gsfw.datamanagers.images import Header
+from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.preparation.database_part import part_of
+from gsfw.preparation.diagnosis.match_graph import MatchGraph
+from gsfw.preparation.diagnosis.model_figures import ModelFigures
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.image_set import ImageSet, SourceImage, ViewOfPanorama
+from gsfw.preparation.mapping.incremental_mapping import USUAL, run_incremental
+from gsfw.preparation.mapping.mapping_rule import MappingRule
+from gsfw.preparation.mapping.merging import merge_models
+from gsfw.preparation.mapping.observations import Observations, cut_loose
+from gsfw.preparation.panorama_views import DIRECTIONS
+from gsfw.preparation.preparation import Preparation
+from gsfw.preparation.preparation_rule import PreparationRule
+from gsfw.preparation.sift import ImageFeatures
+from gsfw.preparation.workspace import Workspace
+
+
+def mixed(panoramas: int = 2) -> ImageSet:
+    """A photo, and panoramas of two sizes as two views each."""
+    photo = SourceImage("a.jpg", Path("a.jpg"), Header(160, 120, has_alpha=False), Exif())
+    found = [photo]
+    for number in range(panoramas):
+        side = 100 + 20 * (number % 2)
+        header = Header(side, side, has_alpha=False)
+        found += [
+            SourceImage(
+                f"p{number}_{direction}.jpg",
+                Path("p.jpg"),
+                header,
+                Exif(),
+                view=ViewOfPanorama(f"p{number}.jpg", direction, side / 2),
+            )
+            for direction in range(2)
+        ]
+    return ImageSet(tuple(found))
+
+
+def stored(folder: Path, images: ImageSet) -> Path:
+    groups = group_cameras(images, CameraRule("one", "OPENCV", 70.0))
+    nothing = ImageQuality(0.0, 0.0, 0.0, 0.0)
+    keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
+    with FeatureDatabase(folder / "d.db", images, groups) as database:
+        # The order in which features are found is that of processes.
+        for image in reversed(images.images):
+            found = ImageFeatures(image.name, nothing, (0.0, 1.0), keypoints, descriptors)
+            database.write(found)
+    return folder / "d.db"
+
+
+def test_views_have_exact_cameras_whatever_the_user_says_of_others():
+    photo, *views = group_cameras(mixed(), CameraRule("one", "OPENCV", 70.0))
+    assert (photo.model, photo.focal, photo.rig) == ("OPENCV", 70.0, 1)
+    assert [(one.model, one.focal, one.view, one.rig) for one in views] == [
+        ("SIMPLE_PINHOLE", 50.0, 0, 2),
+        ("SIMPLE_PINHOLE", 50.0, 1, 2),
+        ("SIMPLE_PINHOLE", 60.0, 0, 4),
+        ("SIMPLE_PINHOLE", 60.0, 1, 4),
+    ]
+
+
+def test_the_database_has_a_rig_for_each_size_and_a_frame_for_each_panorama(tmp_path):
+    with pycolmap.Database.open(stored(tmp_path, mixed(4))) as database:
+        assert database.num_rigs() == 3
+        frames = {frame.frame_id: frame for frame in database.read_all_frames()}
+        assert [len(frames[number].data_ids) for number in sorted(frames)] == [1, 2, 2, 2, 2]
+        rig = database.read_rig(frames[2].rig_id)
+        (second,) = rig.non_ref_sensors
+        moved = rig.sensor_from_rig(second)
+        assert np.allclose(moved.rotation.matrix(), DIRECTIONS[1].from_panorama)
+        assert np.allclose(moved.translation, 0)
+
+
+def test_a_part_of_a_database_has_the_frames_of_its_images(tmp_path):
+    content = part_of(stored(tmp_path, mixed(2)), [3, 4])
+    (tmp_path / "part.db").write_bytes(content)
+    with pycolmap.Database.open(tmp_path / "part.db") as part:
+        frames = part.read_all_frames()
+        assert sorted(data.id for frame in frames for data in frame.data_ids) == [3, 4]
+
+
+def test_a_panorama_is_one_component_without_a_match(tmp_path):
+    images = mixed(2)
+    graph = MatchGraph.read(stored(tmp_path, images), images)
+    assert [one.images for one in graph.components()] == [
+        ("p0_0.jpg", "p0_1.jpg"),
+        ("p1_0.jpg", "p1_1.jpg"),
+    ]
+
+
+def test_a_shot_is_whole_only_with_all_of_its_views():
+    images = mixed(2)
+    assert images.whole_shots({"a.jpg", "p0_0.jpg", "p1_0.jpg", "p1_1.jpg"}) == {
+        "a.jpg",
+        "p1_0.jpg",
+        "p1_1.jpg",
+    }
+
+
+@pytest.fixture(scope="module")
+def synthetic(tmp_path_factory) -> Path:
+    """COLMAP's synthetic points, seen by five rigs of two cameras with one centre."""
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 2, 5
+    options.num_points3D = 120
+    options.sensor_from_rig_translation_stddev = 0.0
+    options.sensor_from_rig_rotation_stddev = 20.0
+    pycolmap.set_random_seed(0)
+    path = tmp_path_factory.mktemp("synthetic") / "database.db"
+    with pycolmap.Database.open(path) as database:
+        pycolmap.synthesize_dataset(options, database)
+    return path
+
+
+def named(frames: range) -> list[str]:
+    """Names of the synthetic images."""
+    return [f"camera00000{one}_frame00000{frame}.png" for frame in frames for one in (1, 2)]
+
+
+def models(database: Path, folder: Path, known: tuple[int, ...] = (1, 2)) -> list:
+    folder.mkdir()
+    return run_incremental(database, folder, MappingRule(known_cameras=known), USUAL)
+
+
+def test_frames_are_placed_whole_and_known_cameras_stay(synthetic, tmp_path):
+    (model,) = models(synthetic, tmp_path / "m")
+    assert model.num_reg_frames() == 5
+    assert model.num_reg_images() == 10
+    with pycolmap.Database.open(synthetic) as database:
+        for number in (1, 2):
+            given = database.read_camera(number).params
+            assert np.array_equal(model.camera(number).params, given)
+    seen = Observations.of(model)
+    assert len(seen.by_frame(model).image_ids) == 5
+    assert seen.by_frame(model).counts.sum() == seen.counts.sum()
+    figures = ModelFigures.of(model)
+    assert figures.baselines.to_depth > 0.01
+    assert cut_loose(model) == 0
+
+
+def test_models_of_frames_are_joined(synthetic, tmp_path):
+    folder, rule = tmp_path / "m", MappingRule(known_cameras=(1, 2))
+    folder.mkdir()
+    parts = [
+        run_incremental(synthetic, folder, rule, USUAL, among=named(frames))[0]
+        for frames in (range(4), range(1, 5))
+    ]
+    assert [part.num_reg_images() for part in parts] == [8, 8]
+    (joined,), count = merge_models(parts, synthetic, folder, rule)
+    assert count == 1
+    assert joined.num_reg_frames() == 5
+    assert joined.num_reg_images() == 10
+
+
+@pytest.mark.slow
+def test_a_walk_with_panoramas_has_its_true_places(tmp_path):
+    walk = Walk.of(6)
+    walk.write(tmp_path / "photos", 768)
+    place = Workspace(tmp_path / "out")
+    with place.claimed((tmp_path / "photos",)):
+        prepared = Preparation(
+            (tmp_path / "photos",), place, PreparationRule(thorough=False), lambda line: None
+        ).run()
+    assert len(prepared.diagnosis.registered) == 36
+    assert "36 of 36 images are views of 6 panoramas" in " ".join(prepared.diagnosis.figures)
+    model = pycolmap.Reconstruction(place.sparse / "0")
+    first = {image.name: image for image in model.images.values() if "_000" in image.name}
+    centers = np.array([first[name].projection_center() for name in sorted(first)])
+    truth = walk.centers - walk.centers.mean(0)
+    centers -= centers.mean(0)
+    left, sizes, right = np.linalg.svd(truth.T @ centers)
+    moved = sizes.sum() / (centers**2).sum() * centers @ (left @ right).T
+    extent = np.linalg.norm(walk.centers.max(0) - walk.centers.min(0))
+    assert np.linalg.norm(moved - truth, axis=1).max() < 0.005 * extent
+    for image in model.images.values():
+        mates = [one for one in model.images.values() if one.name[:6] == image.name[:6]]
+        spread = np.ptp([one.projection_center() for one in mates], axis=0)
+        assert np.abs(spread).max() < 1e-9
