@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import write_atomically
-from gsfw.core.progress import stage
+from gsfw.core.progress import tracked
 from gsfw.datamanagers.images import Header, decode
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.disk import check_space
@@ -168,28 +167,31 @@ def _cut(
     """Views by the names of their panoramas, and panoramas that do not decode."""
     files = {one.name: _files(one, rule, folder) for one in panoramas}
     missing = [one for one in panoramas if not all(map(Path.is_file, files[one.name]))]
-    check_space(folder, round(sum(map(partial(_bytes, rule=rule), missing))), "views of panoramas")
-    widest = max((one.header.width for one in missing), default=0)
-    maps = MapCache(map_bytes(widest, rule.count))
+    damaged = _write_all(missing, files, rule, folder) if missing else []
+    lost = {item.name for item in damaged}
+    return {
+        one.name: [] if one.name in lost else _views(one, files[one.name]) for one in panoramas
+    }, damaged
+
+
+def _write_all(
+    panoramas: Sequence[SourceImage],
+    files: Mapping[str, Sequence[Path]],
+    rule: PanoramaRule,
+    folder: Path,
+) -> list[LeftOut]:
+    """Cut the views that are not there; panoramas that do not decode."""
+    pixels = sum(rule.count * view_side(one.header.width) ** 2 for one in panoramas)
+    check_space(folder, round(2 * PIXEL_BYTES * pixels), "views of panoramas and the data set")
+    maps = MapCache(map_bytes(max(one.header.width for one in panoramas), rule.count))
     damaged = []
-    with stage("cutting panoramas", len(panoramas)) as advance:
-        for done, one in enumerate(panoramas, 1):
-            if one in missing:
-                try:
-                    _write(one, files[one.name], maps)
-                except DataError as error:
-                    reason = error.message.removeprefix(f"{one.path}: ").rstrip(".")
-                    damaged.append(LeftOut(one.name, reason, "Replace the file, or remove it."))
-                    del files[one.name]
-            advance(done)
-    whole = [one for one in panoramas if one.name in files]
-    views = {one.name: _views(one, files[one.name]) for one in whole}
-    return views | {item.name: [] for item in damaged}, damaged
-
-
-def _bytes(panorama: SourceImage, rule: PanoramaRule) -> float:
-    """Bytes of the files of its views, at most, here and in the data set."""
-    return 2 * PIXEL_BYTES * rule.count * view_side(panorama.header.width) ** 2
+    for one in tracked(panoramas, "cutting panoramas", len(panoramas)):
+        try:
+            _write(one, files[one.name], maps)
+        except DataError as error:
+            reason = error.message.removeprefix(f"{one.path}: ").rstrip(".")
+            damaged.append(LeftOut(one.name, reason, "Replace the file, or remove it."))
+    return damaged
 
 
 def _files(panorama: SourceImage, rule: PanoramaRule, folder: Path) -> list[Path]:
