@@ -28,7 +28,8 @@ def attempt(tmp_path, placed, name="first", given=10, seen=500, enlarged=False, 
     names = [f"{number:02d}.jpg" for number in range(given)]
     model = SimpleNamespace(
         images={n: SimpleNamespace(name=n, has_pose=True) for n in names[:placed]},
-        compute_mean_observations_per_reg_image=lambda: seen,
+        compute_num_observations=lambda: seen * placed,
+        num_reg_frames=lambda: placed,
     )
     reports = {
         n: FeatureReport(
