@@ -14,6 +14,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import tracked
 from gsfw.datamanagers.images import Header, decode
 from gsfw.datamanagers.warp import MapCache
+from gsfw.preparation.choices import Choices
 from gsfw.preparation.disk import check_space
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.foreign_formats import STITCH
@@ -30,7 +31,6 @@ from gsfw.preparation.panorama_views import (
     map_bytes,
     view_side,
 )
-from gsfw.preparation.registration import Choices
 from gsfw.preparation.video_frames import JPEG_QUALITY
 from gsfw.preparation.writing.image_output import encoded
 

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.preparation.camera_grouping import group_cameras
+from gsfw.preparation.choices import Choices
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.journal import Document, Journal
 from gsfw.preparation.panorama_cutting import cut_panoramas
 from gsfw.preparation.preparation_rule import PreparationRule
-from gsfw.preparation.registration import Choices, register
+from gsfw.preparation.registration import register
 from gsfw.preparation.retrieval import check_vocabulary
 from gsfw.preparation.source import read_source
 from gsfw.preparation.workspace import Workspace

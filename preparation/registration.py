@@ -8,7 +8,7 @@ one looks for those of all images, in a folder of its own. It counts unless it p
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.preparation.camera_grouping import PANORAMA
+from gsfw.preparation.choices import Choices
 from gsfw.preparation.diagnosis.unregistered import FEW as FEW_FEATURES
 from gsfw.preparation.diagnosis.usual import blurred_beside
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
@@ -42,20 +43,6 @@ MISSING = 0.02
 FEW_OBSERVATIONS = 100
 """Points that an image of the model has to see, on average, so that its pose is well determined:
 fox's photos see 1,000, and COLMAP adds an image that sees 30."""
-
-
-@dataclass
-class Choices:
-    """Sentences on the choices for the stages, by name of the stage; kept for the report."""
-
-    say: Callable[[str], None]
-    """Receives each line."""
-    by_stage: dict[str, str] = field(default_factory=dict)
-
-    def choose(self, stage: str, text: str) -> None:
-        """Keep a sentence, and say it."""
-        self.by_stage[stage] = text
-        self.say(text)
 
 
 @dataclass(frozen=True)

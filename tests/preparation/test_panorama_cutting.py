@@ -11,11 +11,11 @@ from support.panorama_room import FULL_XMP
 from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.datamanagers.images import read_header
 from gsfw.preparation import disk
+from gsfw.preparation.choices import Choices
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.panorama_cutting import PanoramaRule, cut_panoramas
 from gsfw.preparation.panorama_views import view_side
-from gsfw.preparation.registration import Choices
 
 
 def write(path: Path, width: int = 512, height: int = 256, xmp: bytes = b"", shift: int = 0):

@@ -14,7 +14,8 @@ from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.journal import Journal
 from gsfw.preparation.mapping.mapping import Mapping
 from gsfw.preparation.preparation_rule import PreparationRule
-from gsfw.preparation.registration import Choices, Registered, register
+from gsfw.preparation.choices import Choices
+from gsfw.preparation.registration import Registered, register
 from gsfw.preparation.workspace import Workspace
 
 SHARP = ImageQuality(0.01, 0.5, 0.2, 0.0)
