@@ -9,12 +9,12 @@ from support import captured
 from gsfw.core.errors import DataError
 from gsfw.preparation import features, registration
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.preparation.choices import Choices
 from gsfw.preparation.features import FeatureReport, FeatureSettings
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.journal import Journal
 from gsfw.preparation.mapping.mapping import Mapping
 from gsfw.preparation.preparation_rule import PreparationRule
-from gsfw.preparation.choices import Choices
 from gsfw.preparation.registration import Registered, register
 from gsfw.preparation.workspace import Workspace
 
