@@ -288,7 +288,8 @@ class MethodConfig(ABC):
     """One image of n is held out, unless the data brings its own split; 0: none."""
     holdout_by: str = HoldOutBy.AUTO.value
     """How: name (every n-th by name), spread (over space), camera (whole cameras). auto: by name;
-    where several cameras film, whole ones; never the only view of a place, or the first time."""
+    whole panoramas; where several cameras film, whole ones; never what no other view shows, or the
+    first time."""
     holdout: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = number(2048, at_least=0)

@@ -14,10 +14,12 @@ from gsfw.core.errors import DataError
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.words import suggestion
 from gsfw.datamanagers.frames import Frame, Recording, Sightings
-from gsfw.datamanagers.view_spread import lonely_views, spread_views
+from gsfw.datamanagers.view_spread import lonely_views, places_of, spread_views
 
 WHOLE_CAMERAS = 4
 """Fewest cameras of which one is held out: two or three of them have to show every time."""
+WHOLE_PLACES = 4
+"""Fewest places of which one is held out with all of its views."""
 NAMES_SHOWN = 3
 """Number of names of images in a note."""
 
@@ -66,10 +68,11 @@ def _held(
 
 
 def _automatic(frames: Sequence[Frame], every: int, recording: Recording) -> HeldOut:
-    """Whole cameras or images of other times where several cameras film; else images by name."""
+    """Whole cameras or images of other times where several cameras film; else places by name."""
     if not _films_from_several_places(frames):
-        found = _by_name(frames, every, recording)
-        return found if _is_moving(frames) else _with_neighbors(found, frames, recording)
+        if _is_moving(frames):
+            return _by_name(frames, every, recording)
+        return _with_neighbors(_by_place(frames, every, recording), frames, recording)
     if recording.whole_cameras and _count_cameras(frames) >= WHOLE_CAMERAS:
         return _by_camera(frames, every, recording)
     return _few_cameras(frames, every)
@@ -78,6 +81,20 @@ def _automatic(frames: Sequence[Frame], every: int, recording: Recording) -> Hel
 def _by_name(frames: Sequence[Frame], every: int, recording: Recording) -> HeldOut:
     """Every n-th from the first: the protocol of Mip-NeRF 360 and most papers since."""
     return _held(range(0, len(frames), every), frames, f"every {_ordinal(every)} by name")
+
+
+def _by_place(frames: Sequence[Frame], every: int, recording: Recording) -> HeldOut:
+    """Every n-th place by name, with all of its views; by name where each view has its own place.
+
+    Views of a panorama overlap, so that the others would show most of a single one of them.
+    """
+    places = places_of(frames)
+    count = places[-1] + 1 if len(places) else 0
+    if count == len(frames) or count < WHOLE_PLACES:
+        return _by_name(frames, every, recording)
+    kept = [index for index, place in enumerate(places) if place % every == 0]
+    how = f"every {_ordinal(every)} of {count} places by name, with all views from there"
+    return _held(kept, frames, how)
 
 
 def _by_spread(frames: Sequence[Frame], every: int, recording: Recording) -> HeldOut:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from gsfw.datamanagers.frames import Frame, Sightings
 
@@ -16,6 +16,9 @@ FEW_POINTS = 30
 SHARED = 0.5
 """Share of a view's points below which other views do not show what it does. Views of a sound
 reconstruction share nearly all (held-out views of fox: 1.0), as a point takes two images."""
+SAME_PLACE = 1e-5
+"""Distance of two cameras in one place, in parts of the extent of all: what rounding to six digits
+leaves of one centre. Two photos by hand are never computed as near."""
 WIDEST_ANGLE = 90.0
 """Degrees between the axes of two views, from which on they share no surface except at grazing
 angles; for views whose points are not known."""
@@ -51,6 +54,20 @@ def spread_views(frames: Sequence[Frame], count: int) -> list[int]:
         chosen.append(free[row])
         kept.add(rest[column])
     return sorted(chosen)
+
+
+def places_of(frames: Sequence[Frame]) -> Int64[np.ndarray, " n"]:
+    """The number of each view's place, in ascending order; views of a panorama share one.
+
+    Args:
+        frames: the views, sorted by name; those of one place are next to each other.
+    """
+    if not frames:
+        return np.zeros(0, np.int64)
+    centers, _ = _centers_and_axes(frames)
+    extent = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
+    moved = np.linalg.norm(np.diff(centers, axis=0), axis=1) > SAME_PLACE * extent
+    return np.concatenate([[0], np.cumsum(moved)])
 
 
 def _distances(frames: Sequence[Frame]) -> Float64[np.ndarray, "n n"]:

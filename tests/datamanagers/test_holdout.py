@@ -190,6 +190,32 @@ def test_the_only_view_of_a_region_goes_back_to_training_with_a_note():
     assert held(members, eval_by=HoldOutBy.NAME) == (["00.png", "08.png"], "every 8th by name")
 
 
+def panoramas(count: int) -> list[Frame]:
+    """Six views around from each of some places; rounded as in a file of text."""
+    members = []
+    for place in range(count):
+        for view, frame in enumerate(around(*range(0, 360, 60))):
+            rotation = frame.world_to_camera[:3, :3]
+            pose = torch.eye(4).double()
+            pose[:3, :3] = rotation
+            pose[:3, 3] = -rotation @ torch.tensor([float(place), 0.5 * place**2, 1.0]).double()
+            name = f"{place:02d}_{view}.png"
+            members.append(replace(frame, name=name, world_to_camera=pose.round(decimals=6)))
+    return members
+
+
+def test_panoramas_are_held_out_whole():
+    members = panoramas(9)
+    out = [f"{place}_{view}.png" for place in ("00", "08") for view in range(6)]
+    assert held(members) == (out, "every 8th of 9 places by name, with all views from there")
+    by_name = held(members, eval_by=HoldOutBy.NAME)
+    assert by_name == ([frame.name for frame in members[::8]], "every 8th by name")
+
+
+def test_of_three_panoramas_single_views_are_held_out():
+    assert held(panoramas(3))[1] == "every 8th by name"
+
+
 def test_the_last_held_out_view_stays_one_with_a_note():
     members = around(0, 120, 240)
     found = split_of(members)
