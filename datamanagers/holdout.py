@@ -89,7 +89,7 @@ def _by_place(frames: Sequence[Frame], every: int, recording: Recording) -> Held
     Views of a panorama overlap, so that the others would show most of a single one of them.
     """
     places = places_of(frames)
-    count = places[-1] + 1 if len(places) else 0
+    count = len(set(places))
     if count == len(frames) or count < WHOLE_PLACES:
         return _by_name(frames, every, recording)
     kept = [index for index, place in enumerate(places) if place % every == 0]

@@ -57,17 +57,30 @@ def spread_views(frames: Sequence[Frame], count: int) -> list[int]:
 
 
 def places_of(frames: Sequence[Frame]) -> Int64[np.ndarray, " n"]:
-    """The number of each view's place, in ascending order; views of a panorama share one.
+    """The number of each view's place; views of a panorama share one.
 
-    Args:
-        frames: the views, sorted by name; those of one place are next to each other.
+    Places are numbered in the order of their first views.
     """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
     if not frames:
         return np.zeros(0, np.int64)
     centers, _ = _centers_and_axes(frames)
     extent = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
-    moved = np.linalg.norm(np.diff(centers, axis=0), axis=1) > SAME_PLACE * extent
-    return np.concatenate([[0], np.cumsum(moved)])
+    if extent == 0:
+        return np.zeros(len(frames), np.int64)
+    # Many views from one place would be too many pairs; rounding joins most of them.
+    centers /= SAME_PLACE * extent
+    distinct, row = np.unique(centers.round(3), axis=0, return_inverse=True)
+    near = KDTree(distinct).query_pairs(1.0, output_type="ndarray")
+    size = (len(distinct), len(distinct))
+    links = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=size)
+    labels = connected_components(links, directed=False)[1][row.reshape(-1)]
+    _, first, place = np.unique(labels, return_index=True, return_inverse=True)
+    ranks: Int64[np.ndarray, " p"] = first.argsort().argsort()
+    return ranks[place]
 
 
 def _distances(frames: Sequence[Frame]) -> Float64[np.ndarray, "n n"]:

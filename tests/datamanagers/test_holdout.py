@@ -212,6 +212,13 @@ def test_panoramas_are_held_out_whole():
     assert by_name == ([frame.name for frame in members[::8]], "every 8th by name")
 
 
+def test_panoramas_are_held_out_whole_where_their_names_interleave():
+    swapped = [replace(one, name=f"{one.name[3]}_{one.name[:2]}.png") for one in panoramas(9)]
+    assert held(swapped)[0] == [
+        f"{view}_{place}.png" for view in range(6) for place in ("00", "08")
+    ]
+
+
 def test_of_three_panoramas_single_views_are_held_out():
     assert held(panoramas(3))[1] == "every 8th by name"
 
