@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 USAGE = "usage: gsfw train method=NAME [key=value ...]\n"
 EXAMPLES = (
-    "Without data= a method trains on the built-in scene. --dry-run checks and estimates, no more.",
+    "Without data= a method trains on the built-in scene.",
+    "--dry-run checks data and settings, and estimates time, memory and disk space.",
     "",
     "examples:",
     "  gsfw train method=3dgs",
