@@ -25,12 +25,13 @@ from gsfw.core.render_output import RenderOutput
 CELLS = 48
 """Cells along the shorter side of an image: a distractor has at least a few of them."""
 USUAL = 5.0
-"""Multiple of the median difference of an image's cells above which a cell disagrees."""
+"""Multiple of the median difference of an image's cells above which a cell disagrees; cells without
+valid pixels, and those of empty space, are not among them."""
 LEAST = 0.12
 """Mean difference of colours in [0, 1] below which no cell disagrees: less than this may be light
 or a reflection, and faint distractors do little harm."""
 MOST = 0.4
-"""Largest part of an image that starts a distractor."""
+"""Largest part of the content of an image that starts a distractor."""
 MAJORITY = 0.4
 """Part of the 3 x 3 cells around a cell that has to disagree with it."""
 EDGE = 0.5
@@ -76,10 +77,24 @@ class Distractors:
             rendered: the scene, with the exposures of the images if they are known.
             target: the images, over the same background.
         """
-        counted = comparable(rendered.alpha, batch.coverage, batch.valid)
-        left_out = self.found(rendered.color, target, counted)
+        alpha, coverage, valid = rendered.alpha, batch.coverage, batch.valid
+        counted, shown = comparable(alpha, coverage, valid), with_content(alpha, coverage, valid)
+        left_out = self.found(rendered.color, target, counted, shown)
         maps = {name: item.within(~left_out) for name, item in batch.maps.items()}
         return replace(batch, left_out=left_out, maps=maps)
+
+    def without_some(
+        self, batch: Batch, rendered: RenderOutput, target: Float[Tensor, "1 h w 3"]
+    ) -> Batch:
+        """As ``without``, for figures: the batch itself if more than ``MOST`` would be left out.
+
+        So a wrong model has no good figures of the few pixels that it has right. Synchronises.
+        """
+        found = self.without(batch, rendered, target)
+        shown = with_content(rendered.alpha, batch.coverage, batch.valid)
+        assert found.left_out is not None
+        left_out = found.left_out if shown is None else found.left_out[shown]
+        return batch if left_out.sum() > MOST * left_out.numel() else found
 
     @torch.no_grad()
     def found(
@@ -87,6 +102,7 @@ class Distractors:
         rendered: Float[Tensor, "c h w 3"],
         target: Float[Tensor, "c h w 3"],
         counted: Bool[Tensor, "c h w 1"] | None,
+        shown: Bool[Tensor, "c h w 1"] | None = None,
     ) -> Bool[Tensor, "c h w 1"]:
         """True where an image shows a distractor; no synchronisation.
 
@@ -94,10 +110,11 @@ class Distractors:
             rendered: the scene.
             target: the images, over the same background.
             counted: pixels that can be compared; ``None``: all.
+            shown: pixels with content; ``None``: all. Cells without any have no distractor.
         """
         height, width = target.shape[1:3]
         cell = _cell_size(height, width)
-        cells = _disagreeing(_differences(rendered, target, counted))
+        cells = _disagreeing(_differences(rendered, target, counted, shown))
         c, _, rows, columns = cells.shape
         spread = cells[:, 0, :, None, :, None, None].expand(c, rows, cell, columns, cell, 1)
         found = spread.reshape(c, rows * cell, columns * cell, 1)[:, :height, :width]
@@ -114,7 +131,8 @@ def is_contradicted(batch: Batch, rendered: RenderOutput, target: Float[Tensor, 
         target: the image, over the same background.
     """
     counted = comparable(rendered.alpha, batch.coverage, batch.valid)
-    differences = _differences(rendered.color, target, counted)
+    shown = with_content(rendered.alpha, batch.coverage, batch.valid)
+    differences = _differences(rendered.color, target, counted, shown)
     cells, regions = differences.cpu().numpy().ravel(), _disagreeing(differences)[0, 0].cpu()
     labels, count = scipy.ndimage.label(regions.numpy())
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
@@ -132,27 +150,57 @@ def _differences(
     rendered: Float[Tensor, "c h w 3"],
     target: Float[Tensor, "c h w 3"],
     counted: Bool[Tensor, "c h w 1"] | None,
+    shown: Bool[Tensor, "c h w 1"] | None,
 ) -> Float[Tensor, "c 1 i j"]:
-    """Absolute mean differences of the cells of images; pixels that do not count have none."""
+    """Absolute mean differences of the cells of images; pixels that do not count have none.
+
+    NaN for cells without content.
+    """
     # Planes of one channel are masked and averaged faster than pixels of three.
     difference = (rendered - target).permute(0, 3, 1, 2).contiguous()
     if counted is not None:
-        difference *= counted.permute(0, 3, 1, 2).to(difference.dtype)
+        # Values that do not count may not be finite.
+        difference = torch.where(counted.permute(0, 3, 1, 2), difference, 0.0)
     cell = _cell_size(*target.shape[1:3])
     means = avg_pool2d(difference, cell, cell, ceil_mode=True, count_include_pad=False)
-    return means.abs().mean(1, keepdim=True)
+    cells = means.abs().mean(1, keepdim=True)
+    if shown is None:
+        return cells
+    content = shown.permute(0, 3, 1, 2).to(cells.dtype)
+    return cells.masked_fill(max_pool2d(content, cell, ceil_mode=True) == 0, torch.nan)
 
 
 def _disagreeing(cells: Float[Tensor, "c 1 i j"]) -> Bool[Tensor, "c 1 i j"]:
     """True for groups of cells whose differences are far above the usual one of their image."""
     ordered = cells.flatten(1).sort(dim=1).values
-    count = ordered.shape[1]
-    usual, most = ordered[:, (count - 1) // 2], ordered[:, int((1 - MOST) * (count - 1))]
-    above = (USUAL * usual).clamp(min=LEAST).maximum(most)[:, None, None, None]
+    last = ((~ordered.isnan()).sum(1, keepdim=True) - 1).clamp(min=0)  # Those of NaN follow.
+    usual = ordered.gather(1, last // 2)
+    most = ordered.gather(1, ((1 - MOST) * last.double()).long())
+    above = (USUAL * usual).clamp(min=LEAST).maximum(most)[..., None, None]
     alone = (cells > above).to(cells.dtype)
     grouped = alone * (avg_pool2d(alone, 3, 1, 1) > MAJORITY)
     beside = (max_pool2d(grouped, 3, 1, 1) > 0) & (cells > EDGE * above)
     return (grouped > 0) | beside
+
+
+def with_content(
+    alpha: Float[Tensor, "c h w 1"],
+    coverage: Float[Tensor, "c h w 1"] | None,
+    valid: Bool[Tensor, "c h w 1"] | None,
+) -> Bool[Tensor, "c h w 1"] | None:
+    """Valid pixels in which the image or the render shows something; ``None``: all.
+
+    The empty space of images with alpha always agrees: it would lower the usual difference.
+
+    Args:
+        alpha: of the render.
+        coverage: of the images; ``None`` if they are opaque.
+        valid: pixels that carry loss; ``None``: all.
+    """
+    if coverage is None:
+        return valid
+    content = (coverage > 0) | (alpha.detach() > COVERED)
+    return content if valid is None else content & valid
 
 
 def comparable(

@@ -203,9 +203,8 @@ class _Comparison:
             figures |= self._watch.compare(index, image, target, valid, moving)
         seen = context.batch, context.rendered, context.target
         if self._parts.distractors is not None:
-            kept = self._parts.distractors.without(*seen).valid
-            assert kept is not None
-            figures[KEPT_PSNR] = psnr(image, target, kept[0])
+            kept = self._parts.distractors.without_some(*seen).valid
+            figures[KEPT_PSNR] = psnr(image, target, None if kept is None else kept[0])
         if self._parts.contradicts(*seen):
             self._contradicted.append(index)
         if self._baselines is not None:

@@ -113,7 +113,7 @@ class TrainingParts:
         if self.distractors is None or step <= self.distractors.start:
             return batch
         exposed = self.corrections.expose(rendered, self.corrections.numbered(batch), background)
-        return self.distractors.without(batch, exposed, batch.target(background))
+        return self.distractors.without_some(batch, exposed, batch.target(background))
 
     def contradicts(
         self, batch: Batch, rendered: RenderOutput, target: Float[Tensor, "1 h w 3"]

@@ -33,6 +33,11 @@ def scene(seed: int = 0):
     return rendered, rendered + 0.3 * (torch.rand(rendered.shape, generator=random) - 0.5)
 
 
+def rendering(color: Tensor, alpha: Tensor) -> RenderOutput:
+    """A render without splats."""
+    return RenderOutput(color, alpha, RenderStatistics.zeros(torch.zeros(0, 3), 1, frozenset()))
+
+
 def test_a_thing_in_front_of_the_scene_is_found_and_nothing_else():
     rendered, target = scene()
     target[:, 30:60, 40:70] = torch.tensor([0.9, 0.2, 0.1])
@@ -79,6 +84,44 @@ def test_pixels_outside_masks_and_uncovered_ones_are_not_left_out():
 def test_a_render_that_is_not_finite_leaves_nothing_out():
     rendered, target = scene()
     assert not FINDER.found(rendered * torch.nan, target, None).any()
+    target[:, 30:60, 40:70] = 1.0
+    counted = torch.ones(1, HEIGHT, WIDTH, 1, dtype=torch.bool)
+    counted[0, 40, 50] = False
+    expected = FINDER.found(rendered, target, counted)
+    rendered[0, 40, 50] = torch.nan
+    assert torch.equal(FINDER.found(rendered, target, counted), expected), "it does not count"
+
+
+@pytest.mark.parametrize("kind", ["mask", "alpha"])
+def test_most_of_an_object_is_used_whatever_the_size_of_the_rest(kind):
+    """Empty cells once made the usual difference 0, and a wrong object was left out whole."""
+    rendered, target = scene()
+    inside = torch.zeros(1, HEIGHT, WIDTH, 1)
+    inside[:, 20:60, 20:70] = 1.0
+    rendered, target = rendered * inside, (target + 0.35) * inside
+    masks = {"mask": inside > 0} if kind == "mask" else {"alpha": inside}
+    batch = Batch(target, front_camera(WIDTH, HEIGHT), (0,), **masks)
+    wrong = FINDER.without(batch, rendering(rendered, inside), target).left_out
+    assert not wrong.any()
+    target = (rendered + 0.02).clamp(max=1) * inside
+    target[:, 30:40, 30:46] = torch.tensor([0.9, 0.2, 0.1])
+    batch = replace(batch, images=target)
+    found = FINDER.without(batch, rendering(rendered, inside), target).left_out
+    assert found[:, 30:40, 30:46].all()
+    assert found.sum() == 10 * 16
+
+
+def test_figures_count_a_whole_image_if_most_of_it_would_be_left_out(monkeypatch):
+    inside = torch.zeros(1, HEIGHT, WIDTH, 1)
+    inside[:, :60] = 1.0
+    image = scene()[1]
+    batch = Batch(image, front_camera(WIDTH, HEIGHT), (0,), mask=inside > 0)
+    for rows, is_whole in ((23, False), (25, True)):  # Of the 60 rows that are valid.
+        left_out = torch.zeros_like(inside, dtype=torch.bool)
+        left_out[:, :rows] = True
+        monkeypatch.setattr(Distractors, "found", lambda *_, left_out=left_out: left_out)
+        found = FINDER.without_some(batch, rendering(image, inside), image)
+        assert (found is batch) is is_whole
 
 
 def test_each_view_is_used_whole_in_some_steps_after_the_start():
@@ -110,35 +153,31 @@ def trainer_batch():
 def test_per_view_maps_are_unknown_where_distractors_are_left_out():
     batch = trainer_batch()
     depths = ViewMap.of(torch.full_like(batch.images[..., :1], 2.0), Resampling.DEPTH)
-    rendered = RenderOutput(
-        color=batch.images,
-        alpha=torch.ones_like(batch.images[..., :1]),
-        statistics=RenderStatistics.zeros(torch.zeros(0, 3), 1, frozenset()),
-    )
-    found = UpperHalf(start=0).without(
+    rendered = rendering(batch.images, torch.ones_like(batch.images[..., :1]))
+    found = UpperThird(start=0).without(
         replace(batch, maps={"depth": depths}), rendered, batch.images
     )
     seen = found.maps["depth"]
-    assert not seen.known[:, :12].any()
-    assert not seen.values[:, :12].any()
-    assert torch.equal(seen.values[:, 12:], depths.values[:, 12:])
-    assert seen.known[:, 12:].all()
+    assert not seen.known[:, :8].any()
+    assert not seen.values[:, :8].any()
+    assert torch.equal(seen.values[:, 8:], depths.values[:, 8:])
+    assert seen.known[:, 8:].all()
     assert seen.rule is Resampling.DEPTH
 
 
-class UpperHalf(Distractors):
-    """Finds the upper half of each image."""
+class UpperThird(Distractors):
+    """Finds the upper third of each image."""
 
-    def found(self, rendered, target, counted):
-        half = torch.zeros_like(target[..., :1], dtype=torch.bool)
-        half[:, : target.shape[1] // 2] = True
-        return half
+    def found(self, rendered, target, counted, shown=None):
+        third = torch.zeros_like(target[..., :1], dtype=torch.bool)
+        third[:, : target.shape[1] // 3] = True
+        return third
 
 
 @pytest.mark.unchecked
 def test_losses_and_reports_see_images_without_distractors(tmp_path):
     callback = Recorder()
-    finder = UpperHalf(start=2)
+    finder = UpperThird(start=2)
     run = with_parts(trainer(tmp_path, "adc", callback, steps=6), distractors=finder)
     seen = []
     losses = run.parts.method.losses
@@ -154,14 +193,14 @@ def test_losses_and_reports_see_images_without_distractors(tmp_path):
     assert [valid is not None for valid in seen] == used
     reported = [report.view.left_out for report in callback.reports]
     assert [left_out is not None for left_out in reported] == [False, False, *[True] * 4]
-    assert all(not bool(valid[:, :12].any()) for valid in seen if valid is not None)
+    assert all(not bool(valid[:, :8].any()) for valid in seen if valid is not None)
 
 
 @pytest.mark.unchecked
 def test_a_run_goes_on_to_the_same_bits(tmp_path):
     def run(name, steps):
         made = trainer(tmp_path / name, "adc", Recorder(), steps=steps)
-        return with_parts(made, distractors=UpperHalf(start=2))
+        return with_parts(made, distractors=UpperThird(start=2))
 
     whole, first, second = run("whole", 12), run("first", 6), run("second", 12)
     whole.fit()
@@ -184,11 +223,11 @@ def test_moving_scenes_are_refused_with_the_remedy():
 @pytest.mark.unchecked
 def test_figures_of_a_run_count_the_pixels_that_are_kept(tmp_path):
     callback = Recorder()
-    finder = UpperHalf(start=2)
+    finder = UpperThird(start=2)
     run = with_parts(trainer(tmp_path, "none", callback, steps=6), distractors=finder)
     for pictures in run.parts.data.pictures.values():
         for picture in pictures:
-            picture[:, :12] = 1.0 - picture[:, :12].round()
+            picture[:, :8] = 1.0 - picture[:, :8].round()
     summary = run.fit()
     whole = mean_psnr(run.parts, run.plan, 2, range(6))
     assert mean_psnr(run.parts, run.plan, 3, range(6)) == summary["training_psnr"]
@@ -209,11 +248,8 @@ def test_distractors_of_held_out_images_are_no_overfitting():
 
 def shown(rendered: Tensor, target: Tensor, alpha: float = 1.0) -> bool:
     """True if the image is contradicted by an opaque render."""
-    camera = front_camera(WIDTH, HEIGHT)
-    coverage = torch.full_like(rendered[..., :1], alpha)
-    statistics = RenderStatistics.zeros(torch.zeros(0, 3), 1, frozenset())
-    output = RenderOutput(color=rendered, alpha=coverage, statistics=statistics)
-    return is_contradicted(Batch(target, camera, (0,)), output, target)
+    output = rendering(rendered, torch.full_like(rendered[..., :1], alpha))
+    return is_contradicted(Batch(target, front_camera(WIDTH, HEIGHT), (0,)), output, target)
 
 
 @pytest.mark.parametrize(
