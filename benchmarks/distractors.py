@@ -141,7 +141,7 @@ def _contradicted(run: Composition) -> dict[str, bool]:
         for index, name in enumerate(parts.data.views(split).names):
             (batch,) = parts.data.load(split, [index], parts.device)
             output = parts.render(batch.cameras, settings, batch.time).output
-            found[name] = parts.contradicts(batch, output, batch.target(settings.background))
+            found[name] = parts.contradicts(batch, output, settings.background, split)
     return found
 
 

@@ -105,6 +105,7 @@ def evaluate_run(restored: Restored, split: Split) -> Evaluation:
             split,
             method=parts.method,
             baselines=verdict.baselines,
+            step=restored.step,
         )
         return verdict.judge(restored.step, evaluation)
 

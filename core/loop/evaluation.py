@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,6 +30,9 @@ from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.returns import checked_figures, checked_images
 from gsfw.core.temporal_metrics.over_time import OverTime, means
+
+FINISHED = sys.maxsize
+"""Number of finished steps of a run that is not trained on."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +136,13 @@ def evaluate(
     method: Method | None = None,
     baselines: Baselines | None = None,
     most: int = 0,
+    step: int = FINISHED,
 ) -> Evaluation:
     """Render and compare the views of a split, one at a time.
 
     ``on_view`` is called after each view. A ``method`` adds its own metrics and images.
     ``baselines`` are those of the same split. With ``most`` above 0 at most so many views are
-    compared, evenly spread.
+    compared, evenly spread. ``step`` is the number of finished steps.
     """
     assert settings.background is not None
     data, metrics, device = parts.data, parts.metrics, parts.device
@@ -145,7 +150,7 @@ def evaluate(
     watch = None
     if data.scene.is_dynamic and views.times:
         watch = OverTime(data, split, settings.background, device, metrics)
-    comparison = _Comparison(parts, watch, baselines, method)
+    comparison = _Comparison(parts, watch, baselines, method, settings.background, split, step)
     order = spread(range(len(views)) if watch is None else watch.order(), most)
     per_view: dict[int, Mapping[str, float]] = {}
     durations: list[float] = []
@@ -187,7 +192,12 @@ class _Comparison:
         watch: OverTime | None,
         baselines: Baselines | None,
         method: Method | None,
+        background: Float[Tensor, " 3"],
+        split: Split,
+        step: int,
     ) -> None:
+        self._background, self._split, self._step = background, split, step
+        self._is_sought = parts.seeks_contradictions(split)
         self._parts, self._metrics, self._watch = parts, parts.metrics, watch
         self._baselines, self._method = baselines, method
         self._contradicted: list[int] = []
@@ -201,11 +211,11 @@ class _Comparison:
         moving = None if self._watch is None else self._watch.moving(index)
         if self._watch is not None:
             figures |= self._watch.compare(index, image, target, valid, moving)
-        seen = context.batch, context.rendered, context.target
-        if self._parts.distractors is not None:
-            kept = self._parts.distractors.without_some(*seen).valid
+        seen = context.batch, context.rendered, self._background
+        if self._parts.leaves_out(self._step):
+            kept = self._parts.compared(*seen, self._step, self._split).valid
             figures[KEPT_PSNR] = psnr(image, target, None if kept is None else kept[0])
-        if self._parts.contradicts(*seen):
+        if self._is_sought and self._parts.contradicts(*seen, self._split):
             self._contradicted.append(index)
         if self._baselines is not None:
             counted = moving if moving is None or valid is None else moving & valid

@@ -200,6 +200,7 @@ def _motion_not_found(evidence: Evidence) -> Finding | None:
 def _overfitting(evidence: Evidence) -> Finding | None:
     training, kept = evidence.evaluation.training_psnr, evidence.figure(KEPT_PSNR)
     psnr = evidence.figure("psnr") if kept is None else kept
+    where = "" if kept is None else " in the pixels that are kept"
     if training is None or psnr is None or training - psnr < GAP:
         return None
     remedies = ["more views"]
@@ -216,8 +217,8 @@ def _overfitting(evidence: Evidence) -> Finding | None:
         cause = "cameras that are misplaced or have a wrong focal length, or too few views"
     return Finding(
         "overfitting",
-        f"training views have {training:.1f} dB and {evidence.what} {psnr:.1f} dB: the model "
-        f"overfits the training images. Likely cause: {cause}. "
+        f"training views have {training:.1f} dB and {evidence.what} {psnr:.1f} dB{where}: the "
+        f"model overfits the training images. Likely cause: {cause}. "
         + _try([_check(evidence), *remedies]),
         is_collapse=False,
     )
@@ -232,12 +233,16 @@ def _distractors(evidence: Evidence) -> Finding | None:
     if len(names) < FEWEST_CONTRADICTED:
         return None
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    cause, remedies = "", ["ignore_distractors=true", "masks (datamanager.masks=DIR)"]
+    if not evidence.settings.get("exposure"):
+        cause = "their exposure or light differs, or "
+        remedies.append("exposure=true")
     return Finding(
         "distractors",
         f"{len(names)} of the compared images show something large that the other images "
         f"contradict ({', '.join(names[:NAMED])}{more}). Likely cause: people, cars or other "
-        "things that moved between the photos; else those cameras are misplaced. "
-        + _try(["ignore_distractors=true", "masks (datamanager.masks=DIR)", _check(evidence)]),
+        f"things that moved between the photos; else {cause}those cameras are misplaced. "
+        + _try([*remedies, _check(evidence)]),
         is_collapse=False,
     )
 

@@ -250,6 +250,7 @@ class Trainer:
             method=parts.method,
             baselines=self._verdict.baselines,
             most=0 if self.step >= self.plan.steps else self.plan.eval_views,
+            step=self.step,
         )
         evaluation = self._verdict.judge(self.step, evaluation)
         self._verdict.log(self.step, evaluation.findings or ())

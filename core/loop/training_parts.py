@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
-from gsfw.core.datamanager import DataManager
+from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.distractors import Distractors, is_contradicted
 from gsfw.core.loop.optimizer import Optimizer
@@ -99,31 +99,63 @@ class TrainingParts:
         output = checked_decode(source, self.shown.decode(found.output, cameras), len(cameras))
         return replace(found, output=output)
 
+    def leaves_out(self, step: int) -> bool:
+        """True if figures after ``step`` steps leave distractors out: none do before the start."""
+        return self.distractors is not None and step > self.distractors.start
+
     def compared(
-        self, batch: Batch, rendered: RenderOutput, background: Float[Tensor, " 3"], step: int
+        self,
+        batch: Batch,
+        rendered: RenderOutput,
+        background: Float[Tensor, " 3"],
+        step: int,
+        split: Split = Split.TRAIN,
     ) -> Batch:
-        """Training images for a comparison after ``step`` steps: without distractors.
+        """Images for a comparison after ``step`` steps: without distractors (``leaves_out``).
 
         Args:
-            batch: of training views, at their full size.
+            batch: of views at their full size.
             rendered: the scene, without exposures.
             background: of both.
-            step: number of finished steps; none are left out before they are sought.
+            step: number of finished steps.
+            split: of the images.
         """
-        if self.distractors is None or step <= self.distractors.start:
+        if self.distractors is None or not self.leaves_out(step):
             return batch
-        exposed = self.corrections.expose(rendered, self.corrections.numbered(batch), background)
+        exposed = self._exposed(batch, rendered, background, split)
         return self.distractors.without_some(batch, exposed, batch.target(background))
 
-    def contradicts(
-        self, batch: Batch, rendered: RenderOutput, target: Float[Tensor, "1 h w 3"]
-    ) -> bool:
-        """True if an image of a still scene shows a large thing that the model does not have.
+    def seeks_contradictions(self, split: Split) -> bool:
+        """True if the images of a split are searched for things that the model does not have.
 
-        False if distractors are left out: nothing is to be done.
+        Not in moving scenes, nor if distractors are left out: nothing is to be done. Exposures of
+        held-out images are unknown, and their light would be taken for such things.
         """
-        is_sought = self.distractors is None and not self.data.scene.is_dynamic
-        return is_sought and is_contradicted(batch, rendered, target)
+        is_lit_as_rendered = split is Split.TRAIN or self.corrections.exposures is None
+        still = not self.data.scene.is_dynamic
+        return is_lit_as_rendered and still and self.distractors is None
+
+    def contradicts(
+        self, batch: Batch, rendered: RenderOutput, background: Float[Tensor, " 3"], split: Split
+    ) -> bool:
+        """True if an image shows a large thing that the model does not have.
+
+        Args:
+            batch: the image, of a split with ``seeks_contradictions``.
+            rendered: the scene, without exposures.
+            background: of both.
+            split: of the image.
+        """
+        exposed = self._exposed(batch, rendered, background, split)
+        return is_contradicted(batch, exposed, batch.target(background))
+
+    def _exposed(
+        self, batch: Batch, rendered: RenderOutput, background: Float[Tensor, " 3"], split: Split
+    ) -> RenderOutput:
+        """The scene with the exposures of the images; those of held-out images are unknown."""
+        if split is not Split.TRAIN:
+            return rendered
+        return self.corrections.expose(rendered, self.corrections.numbered(batch), background)
 
     @property
     def refined(self) -> PrimitiveModel:

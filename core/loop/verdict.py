@@ -112,14 +112,14 @@ class Verdict:
         names = parts.data.views(Split.TRAIN).names
         indices = spread(range(len(names)), MOST_TRAINING_VIEWS)
         per_view, contradicted, one_color = [], [], 0
+        is_sought = parts.seeks_contradictions(Split.TRAIN)
         for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
             output = parts.render(batch.cameras, settings, batch.time).output
             batch = parts.compared(batch, output, settings.background, step)
-            targets = batch.target(settings.background)
-            if parts.contradicts(batch, output, targets):
+            if is_sought and parts.contradicts(batch, output, settings.background, Split.TRAIN):
                 contradicted.append(names[index])
-            image, target = output.color[0], targets[0]
+            image, target = output.color[0], batch.target(settings.background)[0]
             valid = None if batch.valid is None else batch.valid[0]
             per_view.append({"psnr": psnr(image, target, valid)})
             one_color += is_one_color(image, target, valid)

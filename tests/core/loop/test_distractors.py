@@ -12,9 +12,12 @@ from torch import Tensor
 from gsfw.core.batch import Batch, MaskMode, Resampling, ViewMap
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
+from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop import training_parts
+from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.distractors import Distractors, comparable, is_contradicted
-from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.evaluation import Evaluation, evaluate
+from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.findings import Evidence, Finding, judge
 from gsfw.core.loop.goal import mean_psnr
 from gsfw.core.render_output import RenderOutput, RenderStatistics
@@ -233,6 +236,7 @@ def test_figures_of_a_run_count_the_pixels_that_are_kept(tmp_path):
     assert mean_psnr(run.parts, run.plan, 3, range(6)) == summary["training_psnr"]
     assert summary["training_psnr"] > whole + 3
     assert summary["kept_psnr"] > summary["psnr"] + 3
+    assert "kept_psnr" not in evaluate(run.parts, run.plan.settings, step=2).means
     assert min(report.psnr for report in callback.reports[2:]) > whole + 3
 
 
@@ -241,9 +245,12 @@ def test_distractors_of_held_out_images_are_no_overfitting():
     views = Evaluation(("a",), ({},), 0.0, {"psnr": 17.0, "kept_psnr": 27.0}, training_psnr=30.0)
     assert not judge(Evidence(views, scene, {}, 500, completed=True))
     whole = replace(views, means={"psnr": 17.0})
-    assert [found.key for found in judge(Evidence(whole, scene, {}, 500, completed=True))] == [
-        "overfitting"
-    ]
+    (overfitting,) = judge(Evidence(whole, scene, {}, 500, completed=True))
+    assert overfitting.key == "overfitting"
+    assert "held-out views 17.0 dB: " in overfitting.message
+    kept = replace(views, training_psnr=40.0)
+    (overfitting,) = judge(Evidence(kept, scene, {}, 500, completed=True))
+    assert "held-out views 27.0 dB in the pixels that are kept: " in overfitting.message
 
 
 def shown(rendered: Tensor, target: Tensor, alpha: float = 1.0) -> bool:
@@ -292,6 +299,23 @@ def test_a_run_that_leaves_nothing_out_names_contradicted_images(
     assert look.evaluation.contradicted == (() if distractors else ("e1", "t0", "t3"))
 
 
+@pytest.mark.unchecked
+def test_exposures_that_are_learnt_are_no_contradiction(tmp_path):
+    run = trainer(tmp_path, "none", Recorder(), steps=1)
+    exposures = Exposures(run.parts.data.views(Split.TRAIN).names, LearningRate(1e-3))
+    room, window = torch.full((1, HEIGHT, WIDTH, 3), 0.1), torch.full((1, 30, 40, 3), 0.95)
+    room[:, 20:50, 50:90] = window
+    darker = Batch(0.6 * room, front_camera(WIDTH, HEIGHT), (2,))
+    exposures.changes.data[2, :, :3] = -0.4 * torch.eye(3)
+    seen = darker, rendering(room, torch.ones_like(room[..., :1])), torch.zeros(3), Split.TRAIN
+    assert run.parts.seeks_contradictions(Split.EVAL)
+    assert run.parts.contradicts(*seen)
+    parts = with_parts(run, corrections=CaptureCorrections(exposures)).parts
+    assert not parts.contradicts(*seen)
+    assert parts.seeks_contradictions(Split.TRAIN)
+    assert not parts.seeks_contradictions(Split.EVAL), "their exposures are unknown"
+
+
 def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt():
     def found(
         names: tuple[str, ...], psnr: float = 27.0, completed: bool = True, step: int = 500
@@ -307,8 +331,9 @@ def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt
     assert finding.message == (
         "2 of the compared images show something large that the other images contradict (a.jpg, "
         "b.jpg). Likely cause: people, cars or other things that moved between the photos; else "
-        "those cameras are misplaced. Try, one by one: ignore_distractors=true; masks "
-        "(datamanager.masks=DIR); gsfw check shop, for cameras that do not fit."
+        "their exposure or light differs, or those cameras are misplaced. Try, one by one: "
+        "ignore_distractors=true; masks (datamanager.masks=DIR); exposure=true; gsfw check shop, "
+        "for cameras that do not fit."
     )
     assert "(1, 2, 3, 4, 5 and 2 more)" in found(tuple("1234567"))[0].message
     assert found(("a.jpg",)) == ()
