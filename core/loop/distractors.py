@@ -26,12 +26,12 @@ CELLS = 48
 """Cells along the shorter side of an image: a distractor has at least a few of them."""
 USUAL = 5.0
 """Multiple of the median difference of an image's cells above which a cell disagrees; cells without
-valid pixels, and those of empty space, are not among them."""
+valid pixels, and those of a cut-out in which the model has nothing, are not among them."""
 LEAST = 0.12
 """Mean difference of colours in [0, 1] below which no cell disagrees: less than this may be light
 or a reflection, and faint distractors do little harm."""
 MOST = 0.4
-"""Largest part of the content of an image that starts a distractor."""
+"""Largest part of an image, or of the model in a cut-out, that starts a distractor."""
 MAJORITY = 0.4
 """Part of the 3 x 3 cells around a cell that has to disagree with it."""
 EDGE = 0.5
@@ -77,9 +77,9 @@ class Distractors:
             rendered: the scene, with the exposures of the images if they are known.
             target: the images, over the same background.
         """
-        alpha, coverage, valid = rendered.alpha, batch.coverage, batch.valid
-        counted, shown = comparable(alpha, coverage, valid), with_content(alpha, coverage, valid)
-        left_out = self.found(rendered.color, target, counted, shown)
+        counted = comparable(rendered.alpha, batch.coverage, batch.valid)
+        judging = _judging(rendered.alpha, batch.coverage, batch.valid)
+        left_out = self.found(rendered.color, target, counted, judging)
         maps = {name: item.within(~left_out) for name, item in batch.maps.items()}
         return replace(batch, left_out=left_out, maps=maps)
 
@@ -90,10 +90,12 @@ class Distractors:
 
         So a wrong model has no good figures of the few pixels that it has right. Synchronises.
         """
-        found = self.without(batch, rendered, target)
-        shown = with_content(rendered.alpha, batch.coverage, batch.valid)
+        found, content = self.without(batch, rendered, target), batch.valid
+        if batch.coverage is not None:
+            content = (batch.coverage > 0) | (rendered.alpha > COVERED)
+            content = content if batch.valid is None else content & batch.valid
         assert found.left_out is not None
-        left_out = found.left_out if shown is None else found.left_out[shown]
+        left_out = found.left_out if content is None else found.left_out[content]
         return batch if left_out.sum() > MOST * left_out.numel() else found
 
     @torch.no_grad()
@@ -102,7 +104,7 @@ class Distractors:
         rendered: Float[Tensor, "c h w 3"],
         target: Float[Tensor, "c h w 3"],
         counted: Bool[Tensor, "c h w 1"] | None,
-        shown: Bool[Tensor, "c h w 1"] | None = None,
+        judging: Bool[Tensor, "c h w 1"] | None = None,
     ) -> Bool[Tensor, "c h w 1"]:
         """True where an image shows a distractor; no synchronisation.
 
@@ -110,11 +112,11 @@ class Distractors:
             rendered: the scene.
             target: the images, over the same background.
             counted: pixels that can be compared; ``None``: all.
-            shown: pixels with content; ``None``: all. Cells without any have no distractor.
+            judging: pixels whose cells give the usual difference and the limit; ``None``: all.
         """
         height, width = target.shape[1:3]
         cell = _cell_size(height, width)
-        cells = _disagreeing(_differences(rendered, target, counted, shown))
+        cells = _disagreeing(_differences(rendered, target, counted), _cells_with(judging))
         c, _, rows, columns = cells.shape
         spread = cells[:, 0, :, None, :, None, None].expand(c, rows, cell, columns, cell, 1)
         found = spread.reshape(c, rows * cell, columns * cell, 1)[:, :height, :width]
@@ -130,11 +132,12 @@ def is_contradicted(batch: Batch, rendered: RenderOutput, target: Float[Tensor, 
         rendered: the trained scene from its camera.
         target: the image, over the same background.
     """
-    counted = comparable(rendered.alpha, batch.coverage, batch.valid)
-    shown = with_content(rendered.alpha, batch.coverage, batch.valid)
-    differences = _differences(rendered.color, target, counted, shown)
-    cells, regions = differences.cpu().numpy().ravel(), _disagreeing(differences)[0, 0].cpu()
-    labels, count = scipy.ndimage.label(regions.numpy())
+    # As of opaque images: what is not learnt yet would be a hole in the render of a cut-out.
+    counted = comparable(rendered.alpha, None, batch.valid)
+    judging = _cells_with(_judging(rendered.alpha, batch.coverage, batch.valid))
+    differences = _differences(rendered.color, target, counted)
+    cells, regions = differences.cpu().numpy().ravel(), _disagreeing(differences, judging)
+    labels, count = scipy.ndimage.label(regions[0, 0].cpu().numpy())
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     if not count or sizes.max() < LARGE * cells.size:
         return False
@@ -150,12 +153,8 @@ def _differences(
     rendered: Float[Tensor, "c h w 3"],
     target: Float[Tensor, "c h w 3"],
     counted: Bool[Tensor, "c h w 1"] | None,
-    shown: Bool[Tensor, "c h w 1"] | None,
 ) -> Float[Tensor, "c 1 i j"]:
-    """Absolute mean differences of the cells of images; pixels that do not count have none.
-
-    NaN for cells without content.
-    """
+    """Absolute mean differences of the cells of images; pixels that do not count have none."""
     # Planes of one channel are masked and averaged faster than pixels of three.
     difference = (rendered - target).permute(0, 3, 1, 2).contiguous()
     if counted is not None:
@@ -163,16 +162,23 @@ def _differences(
         difference = torch.where(counted.permute(0, 3, 1, 2), difference, 0.0)
     cell = _cell_size(*target.shape[1:3])
     means = avg_pool2d(difference, cell, cell, ceil_mode=True, count_include_pad=False)
-    cells = means.abs().mean(1, keepdim=True)
-    if shown is None:
-        return cells
-    content = shown.permute(0, 3, 1, 2).to(cells.dtype)
-    return cells.masked_fill(max_pool2d(content, cell, ceil_mode=True) == 0, torch.nan)
+    return means.abs().mean(1, keepdim=True)
 
 
-def _disagreeing(cells: Float[Tensor, "c 1 i j"]) -> Bool[Tensor, "c 1 i j"]:
+def _cells_with(pixels: Bool[Tensor, "c h w 1"] | None) -> Bool[Tensor, "c 1 i j"] | None:
+    """True for cells with any of the pixels; ``None``: all."""
+    if pixels is None:
+        return None
+    planes = pixels.permute(0, 3, 1, 2).to(torch.float32)
+    return max_pool2d(planes, _cell_size(*pixels.shape[1:3]), ceil_mode=True) > 0
+
+
+def _disagreeing(
+    cells: Float[Tensor, "c 1 i j"], judging: Bool[Tensor, "c 1 i j"] | None
+) -> Bool[Tensor, "c 1 i j"]:
     """True for groups of cells whose differences are far above the usual one of their image."""
-    ordered = cells.flatten(1).sort(dim=1).values
+    judged = cells if judging is None else cells.masked_fill(~judging, torch.nan)
+    ordered = judged.flatten(1).sort(dim=1).values
     last = ((~ordered.isnan()).sum(1, keepdim=True) - 1).clamp(min=0)  # Those of NaN follow.
     usual = ordered.gather(1, last // 2)
     most = ordered.gather(1, ((1 - MOST) * last.double()).long())
@@ -183,14 +189,15 @@ def _disagreeing(cells: Float[Tensor, "c 1 i j"]) -> Bool[Tensor, "c 1 i j"]:
     return (grouped > 0) | beside
 
 
-def with_content(
+def _judging(
     alpha: Float[Tensor, "c h w 1"],
     coverage: Float[Tensor, "c h w 1"] | None,
     valid: Bool[Tensor, "c h w 1"] | None,
 ) -> Bool[Tensor, "c h w 1"] | None:
-    """Valid pixels in which the image or the render shows something; ``None``: all.
+    """Valid pixels in which the model shows something; ``None``: all.
 
-    The empty space of images with alpha always agrees: it would lower the usual difference.
+    The empty space around a cut-out object always agrees, and would lower the usual difference. An
+    object that is left out may lie there, and would raise it.
 
     Args:
         alpha: of the render.
@@ -199,8 +206,8 @@ def with_content(
     """
     if coverage is None:
         return valid
-    content = (coverage > 0) | (alpha.detach() > COVERED)
-    return content if valid is None else content & valid
+    shown = alpha.detach() > COVERED
+    return shown if valid is None else shown & valid
 
 
 def comparable(
