@@ -7,8 +7,9 @@ training image of a share gets one to three ellipses of other colours; held-out 
 
     python benchmarks/distractors.py --finding [NAME=VALUE ...] [--data DIR] [--shares 0 0.3]
 
-Prints the rows of the table in docs/results/findings.md: how many images the finding of a run names
-that does not ignore distractors, of those with and without some; held-out ones have them too.
+Prints the rows of the table in docs/results/findings.md: after a run that ignores no distractors,
+the number of images that count for its finding, of those with distractors and of the others. Here
+training images and held-out ones have distractors.
 """
 
 # ruff: noqa: T201

@@ -56,9 +56,11 @@ class Evaluation:
 
     one_color: int = 0
     """Number of views whose render is (nearly) one colour although the image is not."""
+    searched: int = 0
+    """Number of views that were searched for large things that the model does not have; 0 in moving
+    scenes, and if distractors are left out."""
     contradicted: tuple[str, ...] = ()
-    """Views that show a large thing of which the model has other colours; not sought in moving
-    scenes, nor if distractors are left out."""
+    """Names of the searched views that show such a thing: a person, or a car."""
     baselines: Mapping[str, Any] = field(default_factory=dict)
     """PSNR of images that need no model, and their definitions; empty if not measured."""
     training_psnr: float | None = None
@@ -251,6 +253,7 @@ class _Comparison:
             notes={} if watch is None else watch.notes(),
             held_out=len(names),
             one_color=self._one_color,
+            searched=len(chosen) if self._is_sought else 0,
             contradicted=tuple(names[index] for index in sorted(self._contradicted)),
             baselines={} if baselines is None else baselines.document(),
         )

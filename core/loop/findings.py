@@ -33,8 +33,9 @@ GAP = 10.0
 """Training views may be better than held-out ones by this, in dB. Measured after 1000 steps: 2.0 dB
 (plush, 84 views), 2.5 (fox, 43), 7.4 (fox, 13), 20.3 (fox, 5); 17 dB where cameras were wrong."""
 
-FEWEST_CONTRADICTED = 2
-"""Images that have to be contradicted by the others: a single one is better left out."""
+FEWEST_CONTRADICTED, CONTRADICTED_SHARE = 2, 0.05
+"""Number, and part of the searched images, that have to be contradicted by the others. Where it is
+fewer, deleting these photos is the better remedy."""
 
 NAMED = 5
 """Most images that a message names."""
@@ -110,8 +111,7 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
             _no_better_than_baseline(evidence),
             _dying_gaussians(evidence),
             _motion_not_found(evidence),
-            _overfitting(evidence),
-            _distractors(evidence),
+            _overfitting(evidence) or _distractors(evidence),
         ]
     return tuple(finding for finding in found if finding is not None)
 
@@ -225,12 +225,15 @@ def _overfitting(evidence: Evidence) -> Finding | None:
 
 
 def _distractors(evidence: Evidence) -> Finding | None:
-    """Judge completed runs alone: places that are learnt late would be taken for distractors."""
-    names = evidence.evaluation.contradicted
+    """Judge completed runs alone: places that are learnt late would be taken for distractors.
+
+    Renders of held-out views say nothing of the images where the model overfits.
+    """
+    names, searched = evidence.evaluation.contradicted, evidence.evaluation.searched
     is_learnt = evidence.completed and evidence.step >= SETTLED
     if not is_learnt or evidence.is_poor or evidence.is_one_color:
         return None
-    if len(names) < FEWEST_CONTRADICTED:
+    if len(names) < max(FEWEST_CONTRADICTED, CONTRADICTED_SHARE * searched):
         return None
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     cause, remedies = "", ["ignore_distractors=true", "masks (datamanager.masks=DIR)"]
@@ -239,7 +242,7 @@ def _distractors(evidence: Evidence) -> Finding | None:
         remedies.append("exposure=true")
     return Finding(
         "distractors",
-        f"{len(names)} of the compared images show something large that the other images "
+        f"{len(names)} of {searched} compared images show something large that the other images "
         f"contradict ({', '.join(names[:NAMED])}{more}). Likely cause: people, cars or other "
         f"things that moved between the photos; else {cause}those cameras are misplaced. "
         + _try([*remedies, _check(evidence)]),

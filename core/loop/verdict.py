@@ -66,6 +66,7 @@ class Verdict:
             evaluation = replace(
                 evaluation,
                 training_psnr=sampled.means["psnr"],
+                searched=evaluation.searched + sampled.searched,
                 contradicted=evaluation.contradicted + sampled.contradicted,
             )
         visible = self._visible()
@@ -131,6 +132,7 @@ class Verdict:
             0.0,
             means(per_view),
             one_color=one_color,
+            searched=len(indices) if is_sought else 0,
             contradicted=tuple(contradicted),
             baselines={} if baselines is None else baselines.document(),
         )

@@ -171,7 +171,7 @@ def test_per_view_maps_are_unknown_where_distractors_are_left_out():
 class UpperThird(Distractors):
     """Finds the upper third of each image."""
 
-    def found(self, rendered, target, counted, shown=None):
+    def found(self, rendered, target, counted, judging=None):
         third = torch.zeros_like(target[..., :1], dtype=torch.bool)
         third[:, : target.shape[1] // 3] = True
         return third
@@ -277,6 +277,18 @@ def test_an_image_with_one_large_thing_of_other_colours_is_contradicted(
     assert shown(rendered, target, alpha) is expected
 
 
+def test_a_hole_in_the_render_of_a_cut_out_is_no_contradiction():
+    rendered, target = scene()
+    covered, learnt = torch.ones(1, HEIGHT, WIDTH, 1), torch.ones(1, HEIGHT, WIDTH, 1)
+    covered[:, :, :30] = learnt[:, :, :30] = learnt[:, 40:60, 60:85] = 0.0
+    rendered = rendered * learnt + 1.0 - learnt
+    camera = front_camera(WIDTH, HEIGHT)
+    batch = Batch(target, camera, (0,), alpha=covered)
+    image = batch.target(torch.ones(3))
+    assert not is_contradicted(batch, rendering(rendered, learnt), image)
+    assert is_contradicted(batch, rendering(rendered, covered), image), "a white thing"
+
+
 class Looker(Recorder):
     """Remembers the last evaluation."""
 
@@ -297,6 +309,8 @@ def test_a_run_that_leaves_nothing_out_names_contradicted_images(
         picture.fill_(1.0)
     run.fit()
     assert look.evaluation.contradicted == (() if distractors else ("e1", "t0", "t3"))
+    views = sum(len(run.parts.data.views(split)) for split in Split)
+    assert look.evaluation.searched == (0 if distractors else views)
 
 
 @pytest.mark.unchecked
@@ -318,10 +332,15 @@ def test_exposures_that_are_learnt_are_no_contradiction(tmp_path):
 
 def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt():
     def found(
-        names: tuple[str, ...], psnr: float = 27.0, completed: bool = True, step: int = 500
+        names: tuple[str, ...],
+        psnr: float = 27.0,
+        completed: bool = True,
+        step: int = 500,
+        searched: int = 40,
+        **others: float,
     ) -> tuple[Finding, ...]:
         views = Evaluation(("a",), ({},), 0.0, {"psnr": psnr}, contradicted=names)
-        views = replace(views, baselines={"constant_psnr": 12.0})
+        views = replace(views, baselines={"constant_psnr": 12.0}, searched=searched, **others)
         return judge(
             Evidence(views, MemoryData().scene, {"data": "shop"}, step, completed=completed)
         )
@@ -329,7 +348,7 @@ def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt
     (finding,) = found(("a.jpg", "b.jpg"))
     assert (finding.key, finding.is_collapse) == ("distractors", False)
     assert finding.message == (
-        "2 of the compared images show something large that the other images contradict (a.jpg, "
+        "2 of 40 compared images show something large that the other images contradict (a.jpg, "
         "b.jpg). Likely cause: people, cars or other things that moved between the photos; else "
         "their exposure or light differs, or those cameras are misplaced. Try, one by one: "
         "ignore_distractors=true; masks (datamanager.masks=DIR); exposure=true; gsfw check shop, "
@@ -337,6 +356,8 @@ def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt
     )
     assert "(1, 2, 3, 4, 5 and 2 more)" in found(tuple("1234567"))[0].message
     assert found(("a.jpg",)) == ()
+    assert found(("a.jpg", "b.jpg"), searched=41) == ()
+    assert [item.key for item in found(("a", "b"), training_psnr=38.0)] == ["overfitting"]
     assert found(("a.jpg", "b.jpg"), completed=False) == ()
     assert found(("a.jpg", "b.jpg"), step=299) == ()
     assert [item.key for item in found(("a.jpg", "b.jpg"), 12.1)] == ["no-better-than-baseline"]
