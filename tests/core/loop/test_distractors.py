@@ -95,23 +95,31 @@ def test_a_render_that_is_not_finite_leaves_nothing_out():
     assert torch.equal(FINDER.found(rendered, target, counted), expected), "it does not count"
 
 
-@pytest.mark.parametrize("kind", ["mask", "alpha"])
-def test_most_of_an_object_is_used_whatever_the_size_of_the_rest(kind):
-    """Empty cells once made the usual difference 0, and a wrong object was left out whole."""
+def test_most_of_what_is_inside_a_mask_is_used_whatever_its_size():
+    """Cells outside once made the usual difference 0: a wrong object was left out whole."""
     rendered, target = scene()
     inside = torch.zeros(1, HEIGHT, WIDTH, 1)
     inside[:, 20:60, 20:70] = 1.0
-    rendered, target = rendered * inside, (target + 0.35) * inside
-    masks = {"mask": inside > 0} if kind == "mask" else {"alpha": inside}
-    batch = Batch(target, front_camera(WIDTH, HEIGHT), (0,), **masks)
-    wrong = FINDER.without(batch, rendering(rendered, inside), target).left_out
-    assert not wrong.any()
-    target = (rendered + 0.02).clamp(max=1) * inside
+    output = rendering(rendered, torch.ones_like(inside))
+    batch = Batch(target + 0.35, front_camera(WIDTH, HEIGHT), (0,), mask=inside > 0)
+    assert not FINDER.without(batch, output, batch.images).left_out.any()
     target[:, 30:40, 30:46] = torch.tensor([0.9, 0.2, 0.1])
-    batch = replace(batch, images=target)
-    found = FINDER.without(batch, rendering(rendered, inside), target).left_out
+    found = FINDER.without(replace(batch, images=target), output, target).left_out
     assert found[:, 30:40, 30:46].all()
     assert found.sum() == 10 * 16
+
+
+def test_figures_of_a_wrong_cut_out_count_it_whole():
+    """Its empty space agrees: the figures once counted that alone, and were perfect."""
+    rendered, target = scene()
+    inside = torch.zeros(1, HEIGHT, WIDTH, 1)
+    inside[:, 20:60, 20:70] = 1.0
+    batch = Batch(target + 0.35, front_camera(WIDTH, HEIGHT), (0,), alpha=inside)
+    image, output = batch.target(torch.zeros(3)), rendering(rendered * inside, inside)
+    assert FINDER.without_some(batch, output, image) is batch
+    image[:, 20:60, 20:70] = rendered[:, 20:60, 20:70]
+    image[:, 30:40, 30:46] = torch.tensor([0.9, 0.2, 0.1])
+    assert FINDER.without_some(batch, output, image).left_out.sum() == 10 * 16
 
 
 def test_figures_count_a_whole_image_if_most_of_it_would_be_left_out(monkeypatch):
@@ -171,7 +179,7 @@ def test_per_view_maps_are_unknown_where_distractors_are_left_out():
 class UpperThird(Distractors):
     """Finds the upper third of each image."""
 
-    def found(self, rendered, target, counted, judging=None):
+    def found(self, rendered, target, counted, valid=None):
         third = torch.zeros_like(target[..., :1], dtype=torch.bool)
         third[:, : target.shape[1] // 3] = True
         return third
