@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from support.panorama import colored, panorama, view
-from support.panorama_room import FULL_XMP
+from support.panorama import colored, view
+from support.panorama_room import FULL_XMP, sphere
 
 from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.datamanagers.images import read_header
@@ -19,7 +19,7 @@ from gsfw.preparation.panorama_views import view_side
 
 
 def write(path: Path, width: int = 512, height: int = 256, xmp: bytes = b"", shift: int = 0):
-    pixels = np.roll(colored(panorama()), shift, axis=1)
+    pixels = np.roll(sphere(), shift, axis=1)
     Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX).save(path, xmp=xmp)
 
 
@@ -133,8 +133,8 @@ def test_images_that_are_not_stitched_are_left_out_with_a_remedy(tmp_path):
     folder = photos(tmp_path)
     y, x = np.mgrid[:256, :512] + 0.5
     outside = np.hypot(x % 256 - 128, y - 128) > 128
-    pixels = colored(panorama())[:512:2, :1024:2]
-    Image.fromarray(np.where(outside[..., None], 0, pixels).astype(np.uint8)).save(folder / "x.jpg")
+    pixels = np.where(outside[..., None], 0, sphere())
+    Image.fromarray(pixels.astype(np.uint8)).save(folder / "x.jpg")
     with pytest.raises(DataError, match=r"x\.jpg: there is no image.* two circles of fisheye"):
         cut(images(folder), tmp_path)
     write(folder / "y.jpg", 640, 320, FULL_XMP)

@@ -85,6 +85,12 @@ def panorama(center: np.ndarray, turn: np.ndarray, width: int, finer: int = 2) -
     return blocks.round().astype(np.uint8)
 
 
+@lru_cache
+def sphere() -> np.ndarray:
+    """The panorama of the room's middle, 512x256 pixels."""
+    return panorama(np.zeros(3), np.eye(3), 512)
+
+
 @dataclass(frozen=True)
 class Walk:
     """Places and turns of the panoramas of a walk through the room."""
