@@ -163,6 +163,7 @@ class Registration:
         self._choices = Choices(say)
         self._thorough = bool(rule.thorough)
         self._mapping_rule = replace(rule.mapping, jobs=rule.jobs, thorough=self._thorough)
+        self._images = ImageSet(())
 
     def run(self, images: ImageSet, groups: Sequence[CameraGroup]) -> Registered:
         """Do what is not done yet."""
@@ -204,7 +205,7 @@ class Registration:
             self._named("features"),
             {
                 "images": [[one.name, *identity_of(one.path)] for one in images.images],
-                "groups": [asdict(group) for group in groups],
+                "groups": [_stated(asdict(group)) for group in groups],
                 "size": settings.max_size,
                 "count": settings.count,
                 "thorough": settings.thorough,
@@ -263,7 +264,8 @@ class Registration:
 
         place, rule = self._place, self._mapping_rule
         folder = place.models / attempt
-        settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
+        settings = _stated(asdict(rule))
+        del settings["jobs"]
 
         def compute() -> Document:
             set_lenses(place.database, groups)
@@ -314,6 +316,11 @@ class Registration:
         name = self._named("bridges", attempt)
         is_there = partial(_are_there, folder)
         return Mapping.of(self._journal.stage(name, {}, bridge, is_there=is_there), folder)
+
+
+def _stated(settings: Document) -> Document:
+    """Settings with a value: a new one without a value does not repeat finished stages."""
+    return {name: value for name, value in settings.items() if value not in (None, ())}
 
 
 def _are_there(folder: Path, found: Document) -> bool:

@@ -1,5 +1,7 @@
 """Registration: the finest features are looked for where images would stay without a camera."""
 
+import json
+from dataclasses import asdict, dataclass, field, replace
 from types import SimpleNamespace
 
 import pycolmap
@@ -7,11 +9,14 @@ import pytest
 from support import captured
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.images import Header
 from gsfw.preparation import features, registration
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
 from gsfw.preparation.choices import Choices
+from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings
 from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.image_set import ImageSet, SourceImage, ViewOfPanorama
 from gsfw.preparation.journal import Journal
 from gsfw.preparation.mapping.mapping import Mapping
 from gsfw.preparation.preparation_rule import PreparationRule
@@ -168,6 +173,40 @@ def test_what_was_looked_for_already_is_no_reason(tmp_path, registered):
 def test_the_user_may_choose(tmp_path, registered, thorough):
     first = attempt(tmp_path, 3)
     assert registered(first, thorough=thorough) == (first[1], [])
+
+
+@dataclass
+class Listener(Journal):
+    """A journal that says all stages are finished, and keeps the settings that it is asked for."""
+
+    asked: dict = field(default_factory=dict)
+
+    def stage(self, name, settings, *_, **__):
+        self.asked[name] = json.loads(json.dumps(settings))
+        return asdict(Mapping()) if name == "cameras" else {"how": ""} if name == "matches" else {}
+
+
+def test_panoramas_add_nothing_to_the_keys_of_finished_stages_of_photos(tmp_path):
+    header = Header(200, 100, has_alpha=False)
+    photo = SourceImage("a.jpg", tmp_path, header, Exif())
+    view = replace(photo, name="b.jpg", view=ViewOfPanorama("b.jpg", 0, 50.0))
+    for images, new in (((photo,), [set(), set()]), ((view,), [{"view"}, {"known_cameras"}])):
+        journal, found = Listener(), ImageSet(images)
+        groups = group_cameras(found, CameraRule())
+        registration.Registration(
+            Workspace(tmp_path), PreparationRule(), journal, lambda line: None
+        ).run(found, groups)
+        (group,) = journal.asked["features"]["groups"]
+        cameras = journal.asked["cameras"]
+        # The words of journals from before panoramas were cut.
+        assert group.keys() - new[0] == {
+            *("number", "model", "width", "height", "focal", "focal_origin", "images")
+        }
+        assert cameras.keys() - new[1] == {
+            *("mapper", "refine_focal", "refine_principal_point", "thorough")
+        }
+        assert new[0] <= group.keys()
+        assert new[1] <= cameras.keys()
 
 
 @pytest.mark.slow
