@@ -167,7 +167,7 @@ def _document(
 ) -> dict[str, Any]:
     """Prepare or convert the inputs; return the document."""
     if options.again:
-        place.remove(place.journal)
+        place.remove(place.journal, place.views)
     source = _data_set(options, inputs)
     if source is None:
         return _prepare(console, options, inputs, place, rule)

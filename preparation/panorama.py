@@ -59,6 +59,8 @@ class Kind(Enum):
     """All directions, equirectangular."""
     PART = "part of a panorama"
     """Some directions, equirectangular."""
+    STEREO = "stereo panorama"
+    """All directions for each eye, one image above the other."""
     FISHEYES = "two fisheyes"
     """Two circles, as a camera with two lenses sees them before they are stitched."""
 
@@ -78,9 +80,9 @@ def is_twice_as_wide(header: Header) -> bool:
 
 def look_at(path: Path, header: Header) -> Look:
     """The kind of an image, as far as can be told; ``Kind.VIEW`` where it cannot be read."""
-    said = _said(path, header)
-    if said is not None:
-        return Look(said, is_said=True)
+    kind = said_kind(path, header)
+    if kind is not None:
+        return Look(kind, is_said=True)
     if header.width != 2 * header.height or header.width < SMALL[0]:
         return Look(Kind.VIEW)
     try:
@@ -93,7 +95,7 @@ def look_at(path: Path, header: Header) -> Look:
     return Look(Kind.PANORAMA if _is_joined(pixels) else Kind.VIEW)
 
 
-def _said(path: Path, header: Header) -> Kind | None:
+def said_kind(path: Path, header: Header) -> Kind | None:
     """The kind that XMP data tell, where the proportions agree; else ``None``."""
     try:
         with BoundedFile(path) as file, Image.open(file, formats=FORMATS) as image:
@@ -111,6 +113,8 @@ def _said(path: Path, header: Header) -> Kind | None:
         # A view that was cut out may have kept the data of its panorama.
         is_whole_file = abs(width * header.height - height * header.width) <= ODD * width * height
         return Kind.PART if is_whole_file else None
+    if header.width == header.height == full_width == full_height:
+        return Kind.STEREO
     return Kind.PANORAMA if is_twice_as_wide(header) else None
 
 

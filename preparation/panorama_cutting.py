@@ -10,8 +10,9 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.progress import tracked
+from gsfw.core.words import counted
 from gsfw.datamanagers.images import Header, decode
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.choices import Choices
@@ -21,7 +22,7 @@ from gsfw.preparation.foreign_formats import STITCH
 from gsfw.preparation.image_file import unique_names
 from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage, ViewOfPanorama
 from gsfw.preparation.journal import identity_of
-from gsfw.preparation.panorama import Kind, Look, is_twice_as_wide, look_at
+from gsfw.preparation.panorama import Kind, Look, is_twice_as_wide, look_at, said_kind
 from gsfw.preparation.panorama_views import (
     AROUND,
     DIRECTIONS,
@@ -39,8 +40,22 @@ MOST = 0.5
 them are: a seam may be seen in some."""
 LOOKED_AT = 9
 """Frames of a video whose pixels are looked at."""
-PIXEL_BYTES = 1.0
-"""Bytes of a pixel of a view as JPEG, at most: 0.8 in views of a room full of texture."""
+PIXEL_BYTES = {".jpg": 1.0, ".png": 4.0}
+"""Bytes of a pixel of a view, at most: 0.8 as JPEG in views of a room full of texture; PNG files
+have alpha, and may be no smaller than their pixels."""
+REASONS = {
+    Kind.FISHEYES: ("it shows two circles of fisheye lenses", STITCH),
+    Kind.PART: (
+        "it is a panorama of a part of all directions",
+        "Export all directions (equirectangular, 2:1) if the camera has photographed them, or "
+        "leave it out. panoramas=false uses it as an ordinary photo, which suits narrow ones only.",
+    ),
+    Kind.STEREO: (
+        "it is a stereo panorama, with the image of one eye above that of the other",
+        "Export the panorama of one eye (equirectangular, 2:1).",
+    ),
+}
+"""Reasons and remedies of images that are left out."""
 VERSION = 1
 """Number of the way of cutting; files of another are not used again."""
 
@@ -77,17 +92,17 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
     """
     kinds = _kinds(images, rule)
     panoramas = [one for one in images.images if kinds.get(one.name) is Kind.PANORAMA]
-    if rule.panoramas == "true" and not panoramas:
+    left_out = [
+        LeftOut(one.name, *REASONS[kinds[one.name]])
+        for one in images.images
+        if kinds.get(one.name) in REASONS
+    ]
+    if rule.panoramas == "true" and not (panoramas or left_out):
         raise ConfigError(
             "panoramas=true: no image is twice as wide as high, as panoramas of all directions "
             "are.",
             "Leave it out, or export whole panoramas (equirectangular).",
         )
-    left_out = [
-        _left_out(one, kinds[one.name])
-        for one in images.images
-        if kinds.get(one.name) not in (None, Kind.PANORAMA)
-    ]
     lost = {item.name for item in left_out}
     views, damaged = _cut(panoramas, rule, folder)
     left_out += damaged
@@ -100,20 +115,26 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
             f"{left_out[0].reason[1:]}.",
             left_out[0].advice,
         )
-    if panoramas:
-        choices.choose("panoramas", _words(panoramas, rule))
-    names = unique_names(one.name for one in found)
-    named = [replace(one, name=name) for one, name in zip(found, names, strict=True)]
-    return replace(images, images=tuple(named), left_out=(*images.left_out, *left_out))
+    cut_ones = [one for one in panoramas if views[one.name]]
+    if cut_ones:
+        choices.choose("panoramas", _words(cut_ones, rule))
+    return replace(images, images=_named(found), left_out=(*images.left_out, *left_out))
+
+
+def _named(images: Sequence[SourceImage]) -> tuple[SourceImage, ...]:
+    """The images with unique names; views give way to the user's own."""
+    order = sorted(range(len(images)), key=lambda number: images[number].view is not None)
+    names = dict(zip(order, unique_names(images[number].name for number in order), strict=True))
+    return tuple(replace(one, name=names[number]) for number, one in enumerate(images))
 
 
 def _kinds(images: ImageSet, rule: PanoramaRule) -> dict[str, Kind]:
     """Kinds of the images that are no ordinary views, by name."""
     if rule.panoramas == "false":
         return {}
-    likely = [one for one in images.images if _may_be(one, rule)]
+    likely = [one for one in images.images if _may_be(one)]
     if rule.panoramas == "true":
-        return {one.name: Kind.PANORAMA for one in likely}
+        return {one.name: kind for one in likely if (kind := _wanted_kind(one)) is not None}
     alike: dict[tuple[str, int, int], list[SourceImage]] = {}
     for one in likely:
         alike.setdefault((one.group, one.header.width, one.header.height), []).append(one)
@@ -123,29 +144,30 @@ def _kinds(images: ImageSet, rule: PanoramaRule) -> dict[str, Kind]:
     return found
 
 
-def _may_be(image: SourceImage, rule: PanoramaRule) -> bool:
-    if image.header.width < SMALLEST:
-        return False
-    # Metadata may tell that an image of any proportions is a part of a panorama.
-    return is_twice_as_wide(image.header) or (rule.panoramas == "auto" and image.time is None)
+def _may_be(image: SourceImage) -> bool:
+    # Metadata may tell that a photo of any proportions is a part of a panorama.
+    is_likely = image.time is None or is_twice_as_wide(image.header)
+    return is_likely and image.header.width >= SMALLEST
+
+
+def _wanted_kind(image: SourceImage) -> Kind | None:
+    """The kind of an image of which the user says that it is a panorama if it can be one."""
+    kind = said_kind(image.path, image.header) if image.time is None else None
+    if kind is None and is_twice_as_wide(image.header):
+        return Kind.PANORAMA
+    return kind
 
 
 def _kinds_of(members: Sequence[SourceImage]) -> dict[str, Kind]:
     """Kinds of images of one size and origin, which are alike unless metadata tell otherwise."""
-    step = 1 if members[0].time is None else max(1, len(members) // LOOKED_AT)
+    step = 1 if members[0].time is None else -(-len(members) // LOOKED_AT)
     looks: dict[str, Look] = {one.name: look_at(one.path, one.header) for one in members[::step]}
     said = {name: look.kind for name, look in looks.items() if look.is_said}
-    guessed = Counter(look.kind for look in looks.values() if not look.is_said)
+    counts = Counter(look.kind for look in looks.values())
     for kind in (Kind.PANORAMA, Kind.FISHEYES):
-        if guessed[kind] > MOST * guessed.total():
+        if counts[kind] > MOST * counts.total():
             return {**{one.name: kind for one in members}, **said}
     return said
-
-
-def _left_out(image: SourceImage, kind: Kind) -> LeftOut:
-    if kind is Kind.FISHEYES:
-        return LeftOut(image.name, "it shows two circles of fisheye lenses", STITCH)
-    return LeftOut(image.name, "it is a panorama of a part of all directions", STITCH)
 
 
 def _words(panoramas: Sequence[SourceImage], rule: PanoramaRule) -> str:
@@ -153,22 +175,29 @@ def _words(panoramas: Sequence[SourceImage], rule: PanoramaRule) -> str:
     count = len(panoramas)
     sides = sorted({view_side(one.header.width) for one in panoramas})
     size = f"{sides[0]}x{sides[0]}" if len(sides) == 1 else f"{sides[0]} to {sides[-1]}"
-    images = f"{count} image{'s' if count > 1 else ''} of all directions"
-    how = "" if rule.panoramas == "true" else " (panoramas=false: used as they are)"
+    verb, they = ("is", "it") if count == 1 else ("are", "them")
+    how = "" if rule.panoramas == "true" else f"; panoramas=false uses {they} uncut"
     return (
-        f"panoramas: {images} cut into {count * rule.count} views of 90 degrees and {size} pixels, "
-        f"{rule.count} of each{how}."
+        f"panoramas: {counted(count, 'panorama')} {verb} cut into "
+        f"{counted(count * rule.count, 'view')} of 90 degrees and {size} pixels{how}."
     )
 
 
 def _cut(
     panoramas: Sequence[SourceImage], rule: PanoramaRule, folder: Path
 ) -> tuple[dict[str, list[SourceImage]], list[LeftOut]]:
-    """Views by the names of their panoramas, and panoramas that do not decode."""
+    """Views by the names of their panoramas, and panoramas that do not decode.
+
+    Views of other panoramas, and of earlier versions of these, are removed.
+    """
     files = {one.name: _files(one, rule, folder) for one in panoramas}
     missing = [one for one in panoramas if not all(map(Path.is_file, files[one.name]))]
     damaged = _write_all(missing, files, rule, folder) if missing else []
     lost = {item.name for item in damaged}
+    used = {file for group in files.values() for file in group}
+    with readable_write_errors(folder):
+        for file in set(folder.glob("*")) - used:
+            file.unlink()
     return {
         one.name: [] if one.name in lost else _views(one, files[one.name]) for one in panoramas
     }, damaged
@@ -181,8 +210,11 @@ def _write_all(
     folder: Path,
 ) -> list[LeftOut]:
     """Cut the views that are not there; panoramas that do not decode."""
-    pixels = sum(rule.count * view_side(one.header.width) ** 2 for one in panoramas)
-    check_space(folder, round(2 * PIXEL_BYTES * pixels), "views of panoramas and the data set")
+    size = sum(
+        rule.count * view_side(one.header.width) ** 2 * PIXEL_BYTES[_suffix(one)]
+        for one in panoramas
+    )
+    check_space(folder, round(2 * size), "views of panoramas and the data set")
     maps = MapCache(map_bytes(max(one.header.width for one in panoramas), rule.count))
     damaged = []
     for one in tracked(panoramas, "cutting panoramas", len(panoramas)):

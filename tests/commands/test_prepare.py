@@ -11,6 +11,7 @@ from PIL import Image
 from support import captured
 from support.here_executor import HereExecutor
 from support.matched_captures import pose_errors
+from support.panorama_room import FULL_XMP
 from support.small_captures import opengl, ring, write_images, write_transforms
 from support.small_videos import write_video
 
@@ -259,6 +260,19 @@ def test_pictures_that_show_nothing_will_not_train(tmp_path, capsys):
     assert (report["data_set"], report["next"]) == ({}, "")
     assert not (tmp_path / "out" / "sparse").exists()
     assert size_of(tmp_path / "out" / "prepare.png")[0] == 1200
+
+
+def test_everything_again_cuts_panoramas_again(tmp_path):
+    (tmp_path / "photos").mkdir()
+    Image.new("RGB", (512, 256)).save(tmp_path / "photos" / "a.jpg", xmp=FULL_XMP)
+    times = []
+    for words in ((), (), ("again=true",)):
+        main(["prepare", str(tmp_path / "photos"), f"out={tmp_path / 'out'}", *words])
+        views = sorted((tmp_path / "out" / "work" / "views").iterdir())
+        times.append([file.stat().st_mtime_ns for file in views])
+    assert len(times[0]) == 6
+    assert times[0] == times[1]
+    assert not set(times[1]) & set(times[2])
 
 
 def test_a_run_is_not_taken_for_photos(tmp_path, capsys):

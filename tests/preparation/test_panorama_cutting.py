@@ -9,11 +9,13 @@ from support.panorama import colored, view
 from support.panorama_room import FULL_XMP, sphere
 
 from gsfw.core.errors import ConfigError, DataError, OutputError
+from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.images import read_header
-from gsfw.preparation import disk
+from gsfw.preparation import disk, panorama_cutting
 from gsfw.preparation.choices import Choices
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.image_set import ImageSet, SourceImage
+from gsfw.preparation.panorama import Kind, Look
 from gsfw.preparation.panorama_cutting import PanoramaRule, cut_panoramas
 from gsfw.preparation.panorama_views import view_side
 
@@ -67,8 +69,8 @@ def test_a_panorama_becomes_views_in_its_place(tmp_path):
         assert one.view is not None
         assert (one.view.panorama, one.view.number, one.view.focal) == ("b.jpg", number, side / 2)
     assert said == [
-        f"panoramas: 1 image of all directions cut into 6 views of 90 degrees and {side}x{side} "
-        "pixels, 6 of each (panoramas=false: used as they are)."
+        f"panoramas: 1 panorama is cut into 6 views of 90 degrees and {side}x{side} pixels; "
+        "panoramas=false uses it uncut."
     ]
 
 
@@ -92,6 +94,38 @@ def test_views_are_cut_once(tmp_path):
     write(folder / "b.jpg", xmp=FULL_XMP, shift=300)
     other, _ = cut(images(folder), tmp_path)
     assert other.images[0].path != first.images[0].path
+    assert set((tmp_path / "views").iterdir()) == {one.path for one in other.images}
+
+
+def test_an_interrupted_cutting_keeps_its_views(tmp_path, monkeypatch):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    finished = []
+
+    def interrupted(file: Path, content: bytes) -> None:
+        if len(finished) == 3:
+            raise KeyboardInterrupt
+        write_atomically(file, content)
+        finished.append(file)
+
+    monkeypatch.setattr(panorama_cutting, "write_atomically", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cut(images(folder), tmp_path)
+    assert sorted((tmp_path / "views").iterdir()) == sorted(finished)
+    monkeypatch.undo()
+    times = [file.stat().st_mtime_ns for file in finished]
+    assert len(cut(images(folder), tmp_path)[0].images) == 6
+    assert [file.stat().st_mtime_ns for file in finished] == times
+
+
+def test_views_are_removed_with_their_panoramas(tmp_path):
+    folder = photos(tmp_path)
+    write(folder / "b.jpg", xmp=FULL_XMP)
+    cut(images(folder), tmp_path, views="sphere")
+    cut(images(folder), tmp_path)
+    assert len(list((tmp_path / "views").iterdir())) == 6
+    cut(images(folder), tmp_path, panoramas="false")
+    assert not list((tmp_path / "views").iterdir())
 
 
 def test_panoramas_of_one_size_are_cut_though_the_seam_of_one_is_seen(tmp_path):
@@ -103,6 +137,30 @@ def test_panoramas_of_one_size_are_cut_though_the_seam_of_one_is_seen(tmp_path):
     Image.fromarray(pixels).save(folder / "0.jpg")
     found, _ = cut(images(folder), tmp_path)
     assert len(found.images) == 18
+
+
+def test_a_panorama_that_lost_its_metadata_is_one_of_its_folder(tmp_path):
+    folder = photos(tmp_path)
+    for number in range(3):
+        write(folder / f"{number}.jpg", xmp=FULL_XMP, shift=100 * number)
+    pixels = np.asarray(Image.open(folder / "0.jpg")).copy()
+    pixels[:, :40] = 255
+    Image.fromarray(pixels).save(folder / "3.jpg")
+    assert len(cut(images(folder), tmp_path)[0].images) == 24
+
+
+def test_as_many_frames_as_intended_are_looked_at(tmp_path, monkeypatch):
+    folder, looked = photos(tmp_path), []
+    for number in range(17):
+        write(folder / f"{number:02d}.jpg", 256, 128)
+
+    def look(path, header):
+        looked.append(path)
+        return Look(Kind.VIEW)
+
+    monkeypatch.setattr(panorama_cutting, "look_at", look)
+    cut(images(folder, "walk"), tmp_path)
+    assert len(looked) == panorama_cutting.LOOKED_AT
 
 
 def test_frames_keep_their_video_and_time(tmp_path):
@@ -144,6 +202,32 @@ def test_images_that_are_not_stitched_are_left_out_with_a_remedy(tmp_path):
     assert "equirectangular" in item.advice
 
 
+@pytest.mark.parametrize("choice", ["auto", "true"])
+def test_parts_and_stereo_panoramas_are_left_out_with_their_own_remedies(tmp_path, choice):
+    folder = photos(tmp_path)
+    sizes = ("CroppedAreaImageWidthPixels", "FullPanoWidthPixels")
+    sizes_down = ("CroppedAreaImageHeightPixels", "FullPanoHeightPixels")
+
+    def described(width: int, height: int, full_width: int, full_height: int) -> bytes:
+        numbers = dict(zip(sizes, (width, full_width), strict=True))
+        numbers |= dict(zip(sizes_down, (height, full_height), strict=True))
+        return (
+            "equirectangular" + "".join(f' GPano:{k}="{v}"' for k, v in numbers.items())
+        ).encode()
+
+    write(folder / "a.jpg", 512, 128, described(512, 128, 1024, 512))
+    write(folder / "b.jpg", 512, 256, described(512, 256, 1024, 512))
+    write(folder / "c.jpg", 512, 512, described(512, 512, 512, 512))
+    with pytest.raises(DataError, match=r"a\.jpg and 2 more: there is no image that can be used"):
+        cut(images(folder), tmp_path, panoramas=choice)
+    write(folder / "d.jpg", 640, 320, FULL_XMP)
+    found, _ = cut(images(folder), tmp_path, panoramas=choice)
+    assert len(found.images) == 6
+    assert [item.name for item in found.left_out] == ["a.jpg", "b.jpg", "c.jpg"]
+    assert "leave it out" in found.left_out[0].advice
+    assert "one eye" in found.left_out[2].advice
+
+
 def test_a_damaged_panorama_is_left_out(tmp_path):
     folder = photos(tmp_path)
     write(folder / "a.jpg", xmp=FULL_XMP)
@@ -151,7 +235,8 @@ def test_a_damaged_panorama_is_left_out(tmp_path):
     content = (folder / "a.jpg").read_bytes()
     given = images(folder)
     (folder / "a.jpg").write_bytes(content[: len(content) // 2])
-    found, _ = cut(given, tmp_path)
+    found, said = cut(given, tmp_path)
+    assert said[0].startswith("panoramas: 1 panorama is cut into 6 views")
     assert {one.shot for one in found.images} == {"/b.jpg"}
     assert [item.name for item in found.left_out] == ["a.jpg"]
 
@@ -171,4 +256,7 @@ def test_names_of_views_do_not_hide_photos(tmp_path):
     Image.fromarray(colored(view(0))).save(folder / "b_060.jpg")
     given = images(folder)
     found, _ = cut(given, tmp_path)
-    assert len(found.by_name) == 7
+    assert [one.name for one in found.images] == [
+        *("b_000.jpg", "b_060_2.jpg", "b_120.jpg", "b_180.jpg", "b_240.jpg", "b_300.jpg"),
+        "b_060.jpg",
+    ]
