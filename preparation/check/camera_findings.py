@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gsfw.core.words import counted
 from gsfw.preparation.check.coverage import looked_at, widest_gap
@@ -12,6 +13,7 @@ from gsfw.preparation.check.lens_findings import lens_findings
 from gsfw.preparation.check.pose_findings import pose_findings
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.up_axis import up_axis
+from gsfw.preparation.check.viewpoints import SAME_POSE
 from gsfw.preparation.finding import Finding, Weight, listed
 
 FEWEST_VIEWS = 3
@@ -53,15 +55,15 @@ def camera_findings(survey: Survey) -> Iterator[Finding]:
 def _number(survey: Survey) -> Iterator[Finding]:
     viewpoints = survey.viewpoints
     views = int(viewpoints.trained.sum())
-    places = _trained_places(survey)
+    places = _different_centers(survey)
     what = f"{counted(views, 'image')} to train on" + (
-        f" from {len(places)} places" if len(places) < views else ""
+        f" from {counted(places, 'place')}" if places < views else ""
     )
     advice = "Take more photos: 50 to 150 around a thing, each overlapping the next by two thirds"
     if viewpoints.stand_still:
         advice = "Add cameras between them, or expect good views near the cameras only"
     # A static capture with every image twice still has too few; a moving camera has enough.
-    enough = len(places) if viewpoints.stand_still or survey.scene.num_times < 2 else views
+    enough = places if viewpoints.stand_still or survey.scene.num_times < 2 else views
     if views < FEWEST_VIEWS or enough < 2:
         yield Finding(
             "few views",
@@ -91,6 +93,13 @@ def _number(survey: Survey) -> Iterator[Finding]:
 def _trained_places(survey: Survey) -> np.ndarray:
     viewpoints = survey.viewpoints
     return viewpoints.places[viewpoints.trained[viewpoints.places]]
+
+
+def _different_centers(survey: Survey) -> int:
+    """Number of places of trained cameras; the views of a panorama have one."""
+    centers = survey.viewpoints.centers[_trained_places(survey)]
+    again = {second for _, second in cKDTree(centers).query_pairs(SAME_POSE)}
+    return len(centers) - len(again)
 
 
 def _spread(survey: Survey) -> Iterator[Finding]:

@@ -6,6 +6,7 @@ from support.checked_captures import ball, write_ball
 from support.small_captures import HEIGHT, WIDTH, write_colmap_cameras
 
 from gsfw.preparation.finding import Weight
+from gsfw.preparation.panorama_views import DIRECTIONS
 
 
 def arc(count: int, degrees: float) -> np.ndarray:
@@ -44,6 +45,18 @@ def test_three_images_do_not_train(tmp_path):
 
 def test_ten_images_train_with_limits(tmp_path):
     assert write_ball(tmp_path / "a", ball(count=12)).findings()["few views"].weight is Weight.LIMIT
+
+
+def test_views_of_a_panorama_have_one_place(tmp_path):
+    turned = ball(count=10)
+    turned.poses[:] = [
+        np.block([[rotation @ pose[:3, :3], rotation @ pose[:3, 3:]], [np.zeros((1, 3)), 1]])
+        for pose in turned.poses[:5]
+        for rotation in (direction.from_panorama for direction in DIRECTIONS[:2])
+    ]
+    found = write_ball(tmp_path / "a", turned).findings()["few views"]
+    # The fifth panorama is held out.
+    assert found.found == "8 images to train on from 4 places."
 
 
 def test_cameras_in_one_place_do_not_train(tmp_path):
