@@ -250,6 +250,19 @@ def test_a_disk_without_room_is_told_before_cutting(tmp_path, monkeypatch):
         cut(images(folder), tmp_path)
 
 
+def test_views_with_alpha_need_the_room_of_png_files(tmp_path, monkeypatch):
+    folder = photos(tmp_path)
+    Image.fromarray(sphere()).save(folder / "a.jpg", xmp=FULL_XMP)
+    usage = disk.shutil.disk_usage(tmp_path)._replace(free=disk.ROOM + 800_000)
+    monkeypatch.setattr(disk.shutil, "disk_usage", lambda path: usage)
+    assert len(cut(images(folder), tmp_path)[0].images) == 6
+    (folder / "a.jpg").unlink()
+    alpha = np.full((256, 512, 1), 128, np.uint8)
+    Image.fromarray(np.concatenate([sphere(), alpha], axis=2)).save(folder / "a.png")
+    with pytest.raises(OutputError, match="the disk is too full for views of panoramas"):
+        cut(images(folder), tmp_path, panoramas="true")
+
+
 def test_names_of_views_do_not_hide_photos(tmp_path):
     folder = photos(tmp_path)
     write(folder / "b.jpg", xmp=FULL_XMP)
