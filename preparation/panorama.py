@@ -143,9 +143,9 @@ def _are_circles(pixels: UInt8[np.ndarray, "h w 3"]) -> bool:
 
 
 def _is_joined(pixels: UInt8[np.ndarray, "h w 3"]) -> bool:
-    """True if the left edge continues the right one, between two rows that are points.
+    """True if the left edge continues the right one, and the top and bottom rows show a point each.
 
-    Strict: a photo that is cut by mistake spoils a capture.
+    Panoramas are missed rather than photos cut: these would spoil a capture.
     """
     values: Float32[np.ndarray, "h w 3"] = pixels.astype(np.float32)
     seam = np.roll(values, BAND, axis=1)[:, : 2 * BAND]
