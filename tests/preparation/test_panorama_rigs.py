@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from support.panorama_room import Walk
+from PIL import Image
+from support.panorama_room import Walk, colors
 
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
@@ -17,11 +18,12 @@ from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.image_set import ImageSet, SourceImage, ViewOfPanorama
 from gsfw.preparation.mapping.incremental_mapping import USUAL, run_incremental
+from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.merging import merge_models
 from gsfw.preparation.mapping.observations import Observations, cut_loose
 from gsfw.preparation.panorama_views import DIRECTIONS
-from gsfw.preparation.preparation import Preparation
+from gsfw.preparation.preparation import Preparation, Prepared
 from gsfw.preparation.preparation_rule import PreparationRule
 from gsfw.preparation.sift import ImageFeatures
 from gsfw.preparation.workspace import Workspace
@@ -149,6 +151,22 @@ def test_frames_are_placed_whole_and_known_cameras_stay(synthetic, tmp_path):
     assert cut_loose(model) == 0
 
 
+def test_global_mapping_places_frames_whole_too(synthetic, tmp_path):
+    rule = MappingRule(mapper="global", known_cameras=(1, 2))
+    mapping = map_cameras(synthetic, tmp_path / "m", rule)
+    model = pycolmap.Reconstruction(mapping.models[0])
+    assert model.num_reg_frames() == 5
+    assert model.num_reg_images() == 10
+    with pycolmap.Database.open(synthetic) as database:
+        for number in (1, 2):
+            # Views have no distortion, which is computed here.
+            given = database.read_camera(number).params[:3]
+            assert np.array_equal(model.camera(number).params[:3], given)
+    for frame in model.frames.values():
+        centers = [model.image(data.id).projection_center() for data in frame.data_ids]
+        assert np.allclose(centers[0], centers[1], atol=1e-9)
+
+
 def test_models_of_frames_are_joined(synthetic, tmp_path):
     folder, rule = tmp_path / "m", MappingRule(known_cameras=(1, 2))
     folder.mkdir()
@@ -163,27 +181,67 @@ def test_models_of_frames_are_joined(synthetic, tmp_path):
     assert joined.num_reg_images() == 10
 
 
+def aligned(centers: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres after the similarity that brings them nearest to the true ones; both around 0."""
+    centers, truth = centers - centers.mean(0), truth - truth.mean(0)
+    left, sizes, right = np.linalg.svd(truth.T @ centers)
+    return sizes.sum() / (centers**2).sum() * centers @ (left @ right).T, truth
+
+
+def prepared_model(photos: Path, out: Path) -> tuple[pycolmap.Reconstruction, Prepared]:
+    place, rule = Workspace(out), PreparationRule(thorough=False)
+    with place.claimed((photos,)):
+        prepared = Preparation((photos,), place, rule, lambda line: None).run()
+    return pycolmap.Reconstruction(place.sparse / "0"), prepared
+
+
+def assert_one_centre_each(model: pycolmap.Reconstruction, count: int) -> None:
+    """Check that the views of panoramas have all been placed, with one centre for each."""
+    views = [image for image in model.images.values() if image.name.startswith("R")]
+    assert len(views) == 6 * count
+    for image in views:
+        mates = [one for one in views if one.name[:6] == image.name[:6]]
+        spread = np.ptp([one.projection_center() for one in mates], axis=0)
+        assert np.abs(spread).max() < 1e-9
+
+
 @pytest.mark.slow
 def test_a_walk_with_panoramas_has_its_true_places(tmp_path):
     walk = Walk.of(6)
     walk.write(tmp_path / "photos", 768)
-    place = Workspace(tmp_path / "out")
-    with place.claimed((tmp_path / "photos",)):
-        prepared = Preparation(
-            (tmp_path / "photos",), place, PreparationRule(thorough=False), lambda line: None
-        ).run()
+    model, prepared = prepared_model(tmp_path / "photos", tmp_path / "out")
     assert len(prepared.diagnosis.registered) == 36
     assert "36 of 36 images are views of 6 panoramas" in " ".join(prepared.diagnosis.figures)
-    model = pycolmap.Reconstruction(place.sparse / "0")
     first = {image.name: image for image in model.images.values() if "_000" in image.name}
     centers = np.array([first[name].projection_center() for name in sorted(first)])
-    truth = walk.centers - walk.centers.mean(0)
-    centers -= centers.mean(0)
-    left, sizes, right = np.linalg.svd(truth.T @ centers)
-    moved = sizes.sum() / (centers**2).sum() * centers @ (left @ right).T
+    moved, truth = aligned(centers, walk.centers)
     extent = np.linalg.norm(walk.centers.max(0) - walk.centers.min(0))
     assert np.linalg.norm(moved - truth, axis=1).max() < 0.005 * extent
-    for image in model.images.values():
-        mates = [one for one in model.images.values() if one.name[:6] == image.name[:6]]
-        spread = np.ptp([one.projection_center() for one in mates], axis=0)
-        assert np.abs(spread).max() < 1e-9
+    assert_one_centre_each(model, 6)
+
+
+@pytest.mark.slow
+def test_photos_among_panoramas_are_placed_with_a_lens_of_their_own(tmp_path):
+    walk, focal = Walk.of(5), 400.0
+    walk.write(tmp_path / "photos", 768)
+    places = walk.centers + np.array([0.15, 0.1, -0.1])
+    y, x = np.mgrid[:360, :480] + 0.5
+    rays = np.stack([(x - 240) / focal, (y - 180) / focal, np.ones_like(x)], axis=-1)
+    for number, (center, turn) in enumerate(zip(places, walk.turns, strict=True)):
+        pixels = colors(center, rays @ turn).round().astype(np.uint8)
+        Image.fromarray(pixels).save(tmp_path / "photos" / f"P{number:04d}.jpg", quality=95)
+    model, prepared = prepared_model(tmp_path / "photos", tmp_path / "out")
+    assert len(prepared.diagnosis.registered) == 35
+    assert_one_centre_each(model, 5)
+    by_name = {image.name: image for image in model.images.values()}
+    names = [f"P{number:04d}.jpg" for number in range(5)]
+    names += [f"R{number:04d}_000.jpg" for number in range(5)]
+    centers = np.array([by_name[name].projection_center() for name in names])
+    moved, truth = aligned(centers, np.concatenate([places, walk.centers]))
+    extent = np.linalg.norm(walk.centers.max(0) - walk.centers.min(0))
+    assert np.linalg.norm(moved - truth, axis=1).max() < 0.01 * extent
+    assert model.camera(by_name["P0000.jpg"].camera_id).mean_focal_length() == pytest.approx(
+        focal, rel=0.01
+    )
+    of_view = model.camera(by_name["R0000_000.jpg"].camera_id)
+    assert of_view.mean_focal_length() == of_view.width / 2
