@@ -2,12 +2,12 @@
 
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.slow_stages import without_slow_stages
 
 PROJECT_FILE = """
 [build-system]
@@ -172,10 +172,6 @@ SMALL = (
 )  # fmt: skip
 
 
-SLOW_STAGE = re.compile(r"^.*: \d+ s so far\n", re.MULTILINE)
-"""A line of progress, which a busy machine writes to standard error."""
-
-
 def package(folder: Path, name: str, **modules: str) -> Path:
     """Write a package whose first module is the entry point."""
     folder.mkdir()
@@ -220,7 +216,7 @@ def gsfw(site: Path, plugins: str, *arguments: str) -> subprocess.CompletedProce
         [sys.executable, "-m", "gsfw", *arguments],
         capture_output=True, text=True, check=False, env=environment,
     )  # fmt: skip
-    ended.stderr = re.sub(SLOW_STAGE, "", ended.stderr)
+    ended.stderr = without_slow_stages(ended.stderr)
     return ended
 
 
