@@ -91,8 +91,8 @@ def run(arguments: list[str]) -> int:
     registry = installed()
     options = replace(options, format=format_of_file(options, registry))
     exporter = make_exporter(options.format, registry, given)
-    is_name = exporter.is_folder or not names_folder(options.out)
-    if options.out and not options.times and is_name:
+    is_target = exporter.is_folder or not names_folder(options.out)
+    if options.out and not options.times and is_target:
         check_suffix(Path(options.out), options.format, exporter, registry)
     check_format(options, exporter.holds)
     check_sh_degree(options.sh_degree, options.format, exporter)

@@ -61,19 +61,28 @@ def places_of(frames: Sequence[Frame]) -> Int64[np.ndarray, " n"]:
 
     Places are numbered in the order of their first views.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
-
     if not frames:
         return np.zeros(0, np.int64)
     centers, _ = _centers_and_axes(frames)
     extent = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
     if extent == 0:
         return np.zeros(len(frames), np.int64)
+    return numbered_places(centers, SAME_PLACE * extent)
+
+
+def numbered_places(centers: Float64[np.ndarray, "n 3"], apart: float) -> Int64[np.ndarray, " n"]:
+    """The number of each centre's place, in the order of their first ones.
+
+    Args:
+        centers: of cameras.
+        apart: distance up to which two centres are one place.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
     # Many views from one place would be too many pairs; rounding joins most of them.
-    centers /= SAME_PLACE * extent
-    distinct, row = np.unique(centers.round(3), axis=0, return_inverse=True)
+    distinct, row = np.unique((centers / apart).round(3), axis=0, return_inverse=True)
     near = KDTree(distinct).query_pairs(1.0, output_type="ndarray")
     size = (len(distinct), len(distinct))
     links = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=size)

@@ -158,7 +158,7 @@ def _may_overlap(image: SourceImage, other: SourceImage, step: int) -> bool:
     if image.view is None or other.view is None or image.view.number == other.view.number:
         return True
     ahead, aside = (DIRECTIONS[one.number].from_panorama[2] for one in (image.view, other.view))
-    angle = math.degrees(math.acos(min(1.0, float(ahead @ aside))))
+    angle = math.degrees(math.acos(max(-1.0, min(1.0, float(ahead @ aside)))))
     return step <= BESIDE and angle < OVERLAPPING + 1
 
 

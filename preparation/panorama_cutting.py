@@ -109,11 +109,12 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
     own = [views.get(one.name, [one]) for one in images.images if one.name not in lost]
     found = [view for group in own for view in group]
     if not found:
+        first, others = left_out[0], len(left_out) - 1
+        which = f"{first.name} and {others} more" if others else first.name
         raise DataError(
-            f"{left_out[0].name}{f' and {len(left_out) - 1} more' if left_out[1:] else ''}: there "
-            f"is no image that can be used. {left_out[0].reason[:1].upper()}"
-            f"{left_out[0].reason[1:]}.",
-            left_out[0].advice,
+            f"{which}: there is no image that can be used. {first.reason[:1].upper()}"
+            f"{first.reason[1:]}.",
+            first.advice,
         )
     cut_ones = [one for one in panoramas if views[one.name]]
     if cut_ones:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from gsfw.core.words import counted
+from gsfw.datamanagers.view_spread import numbered_places
 from gsfw.preparation.check.coverage import looked_at, widest_gap
 from gsfw.preparation.check.lens_findings import lens_findings
 from gsfw.preparation.check.pose_findings import pose_findings
@@ -98,8 +98,7 @@ def _trained_places(survey: Survey) -> np.ndarray:
 def _different_centers(survey: Survey) -> int:
     """Number of places of trained cameras; the views of a panorama have one."""
     centers = survey.viewpoints.centers[_trained_places(survey)]
-    again = {second for _, second in cKDTree(centers).query_pairs(SAME_POSE)}
-    return len(centers) - len(again)
+    return len(set(numbered_places(centers, SAME_POSE)))
 
 
 def _spread(survey: Survey) -> Iterator[Finding]:
