@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import torch
-from shape_checks import MOST_CHECKS, Budget
+from shape_checks import CHECKED_CALLS, Checks
 from support.known_images import KnownImages
 from support.made_once import MadeOnce
 from support.native_proofs import (  # noqa: F401 - hooks
@@ -115,16 +115,16 @@ def pytest_collection() -> Generator[None, Any, Any]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Check shapes at every call but those of long loops, unless whole runs are made.
+    """Check shapes in the first calls of each function, unless whole runs are made.
 
-    These go thousands of times through what the tests of the parts have checked, and would take two
-    to three times as long. Charts are half the work of a short run: those of its report are
-    smaller there, and the one of its requirements is left out.
+    These go through what the tests of the parts have checked, and would take longer. Charts are
+    half the work of a short run: those of its report are smaller there, and the one of its
+    requirements is left out.
     """
     marks = {mark.name for mark in item.iter_markers()}
     folders = set(item.path.relative_to(TESTS).parts[:-1])
     whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
-    Budget.start(0 if whole else MOST_CHECKS)
+    Checks.start(0 if whole else CHECKED_CALLS)
     KnownImages.are_used = whole
     looked_at = not whole or bool(folders & CHARTS)
     is_run = bool(folders & WHOLE_RUNS)

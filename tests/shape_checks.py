@@ -1,57 +1,81 @@
-"""How the import hook of jaxtyping checks functions, at less than half the price of beartype alone.
+"""How the import hook of jaxtyping checks functions, at a small part of its usual price.
 
-jaxtyping makes two empty functions for each of gsfw's: one is called with the arguments before the
-call, the other with the arguments and the result after it. The second need not look at the
-arguments again: the sizes that the first has found are still remembered. Most functions are never
-called by one worker's tests, so that the checks of a function are compiled when it is first called.
-Functions within functions are made again at every call of the outer one, and with them their
-checks: this takes longer than most of them do, so that it is left out where nothing is checked.
+* Each function is checked in its first calls of each test. Further calls repeat themselves: finite
+  differences, steps of a training.
+* jaxtyping makes two empty functions for each of gsfw's: one is called with the arguments before
+  the call, the other with the arguments and the result after it. The second need not look at the
+  arguments again: the sizes that the first has found are still remembered.
+* Most functions are never called by one worker's tests, so that the checks of a function are made
+  when it is first called.
 """
 
+import dataclasses
+import functools
+import types
 from collections.abc import Callable
 from typing import Any
 
 import jaxtyping
 from beartype import beartype
 
-MOST_CHECKS = 5000
-"""Of one test. Those that make more repeat themselves: finite differences, steps of a training."""
+CHECKED_CALLS = 10
+"""Of one function in one test."""
 
 
-class Budget:
-    """Checks that the present test has left; while tests are collected there is no end to them."""
+class Checks:
+    """The calls that the present test has checked, by the code of the function.
 
-    left = -1
+    Functions within functions are made again at every call of the outer one: their code is the
+    same.
+    """
+
+    limit = CHECKED_CALLS
+    calls: dict[types.CodeType, int] = {}  # noqa: RUF012 - Shared by all functions.
 
     @classmethod
-    def start(cls, checks: int) -> None:
-        """Begin a test that may make so many checks, or none."""
-        cls.left = checks
-        jaxtyping.config.update("jaxtyping_disable", checks == 0)
-
-    @classmethod
-    def spend(cls) -> None:
-        """Make one; after the last, calls go straight to their functions."""
-        cls.left -= 1
-        if cls.left == 0:
-            jaxtyping.config.update("jaxtyping_disable", True)
+    def start(cls, limit: int) -> None:
+        """Begin a test that checks so many calls of each function."""
+        cls.limit = limit
+        cls.calls.clear()
 
 
 _DECORATE = jaxtyping.jaxtyped
 
 
 def jaxtyped(*, typechecker: Callable[..., Any]) -> Callable[[Any], Any]:
-    """``jaxtyping.jaxtyped``, but for what functions define while nothing is checked."""
+    """``jaxtyping.jaxtyped``, whose functions check some of their calls."""
 
     def decorate(defined: Any) -> Any:
-        inner = "<locals>" in getattr(defined, "__qualname__", "")
-        unchecked = inner and jaxtyping.config.jaxtyping_disable
-        return defined if unchecked else _DECORATE(defined, typechecker=typechecker)
+        if isinstance(defined, types.FunctionType):
+            return checked_at_first(defined, typechecker)
+        if not isinstance(defined, type):
+            return _DECORATE(defined, typechecker=typechecker)
+        if dataclasses.is_dataclass(defined) and "__init__" in vars(defined):
+            defined.__init__ = checked_at_first(defined.__init__, typechecker)
+        return defined
 
     return decorate
 
 
 jaxtyping.jaxtyped = jaxtyped  # The hook writes this name above every definition.
+
+
+def checked_at_first(function: types.FunctionType, typechecker: Callable[..., Any]) -> Any:
+    """Check the function in its first calls of each test."""
+    code, calls = function.__code__, Checks.calls
+    made: list[Callable[..., Any]] = []
+
+    @functools.wraps(function)
+    def called(*args: Any, **kwargs: Any) -> Any:
+        count = calls.get(code, 0)
+        if count >= Checks.limit:
+            return function(*args, **kwargs)
+        calls[code] = count + 1
+        if not made:
+            made.append(_DECORATE(function, typechecker=typechecker))
+        return made[0](*args, **kwargs)
+
+    return called
 
 
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -63,12 +87,4 @@ def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     annotations = function.__annotations__
     if annotations.get("return", Any) is not Any:
         function.__annotations__ = {"return": annotations["return"]}
-    compiled: list[Callable[..., Any]] = []
-
-    def check(*args: Any, **kwargs: Any) -> Any:
-        Budget.spend()
-        if not compiled:
-            compiled.append(beartype(function))
-        return compiled[0](*args, **kwargs)
-
-    return check
+    return beartype(function)
