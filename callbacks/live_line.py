@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.segment import Segment
 from rich.text import Text
 
-from gsfw.core.words import clock
+from gsfw.core.words import brief, clock
 
 LEAST_BAR, MOST_BAR = 8, 40
 """Columns of the bar; below the least there is none."""
@@ -88,7 +88,7 @@ def memory(peaks_mb: Mapping[str, float]) -> str:
 def _count(number: int, is_short: bool) -> str:
     if not is_short or number < SHORT_FROM:
         return f"{number:,}"
-    return f"{number / 1e6:.2f}M" if number >= 1_000_000 else f"{number / 1e3:.0f}k"
+    return brief(number, 3)
 
 
 def fitted(figures: Figures, width: int) -> str:

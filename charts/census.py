@@ -23,6 +23,7 @@ from gsfw.charts.style import (
     styled,
     write,
 )
+from gsfw.core.words import brief
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -176,18 +177,10 @@ def _curve(figure: Figure, census: Census, top: float) -> None:
     xs, ys = zip(*census.curve, strict=True)
     upward = round_marks(0.0, max(*ys, 1.0), count=3)
     mark_axis(axes, "y", upward)
-    axes.set_yticks(upward, [short(mark) for mark in upward], size=SMALL)
+    axes.set_yticks(upward, [brief(mark) for mark in upward], size=SMALL)
     marks = round_marks(min(xs), max(xs))
     mark_axis(axes, "x", [mark for mark in marks if min(xs) <= mark <= max(xs)] or marks)
     if min(xs) < max(xs):
         axes.set_xlim(min(xs), max(xs))
     axes.grid(visible=False, axis="x")
     axes.plot(xs, ys, color=SERIES[0], clip_on=False, zorder=3)
-
-
-def short(number: int | float) -> str:
-    """A count in three digits: 950, 12.3 k, 4.56 M."""
-    for size, unit in ((1e6, " M"), (1e3, " k")):
-        if number >= size:
-            return f"{number / size:.3g}{unit}"
-    return f"{number:g}"

@@ -50,6 +50,21 @@ def counted(count: int, noun: str, plural: str = "") -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
+def brief(number: int | float, digits: int = 4) -> str:
+    """A number in few characters, rounded to some digits: "950", "12.3k", "4.56M"."""
+    number = float(f"{number:.{digits}g}")
+    for unit, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(number) >= unit:
+            return f"{number / unit:.{digits}g}{letter}"
+    return f"{number:.{digits}g}"
+
+
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """The first ``most`` names, and how many more there are: "a.png, b.png and 3 more"."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def metric_name(name: str) -> str:
     """A metric as people read it: "moving_psnr" is "moving PSNR"."""
     words = name.replace("_", " ").replace("color corrected", "colour-corrected")

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from PIL import Image, ImageCms
 
+from gsfw.core.words import listed
 from gsfw.datamanagers.adobe_rgb import adobe_rgb, is_adobe_rgb
 from gsfw.datamanagers.coded_colors import HDR
 
@@ -74,10 +75,9 @@ def color_notes(unconverted_colors: Iterable[tuple[str, str]]) -> Iterator[str]:
         if space:
             by_space.setdefault(space, []).append(name)
     for space, names in by_space.items():
-        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         yield (
-            f"colours of {shown} are not converted to sRGB and may look wrong ({space}): save them "
-            "as sRGB in a photo program"
+            f"colours of {listed(names, 3)} are not converted to sRGB and may look wrong "
+            f"({space}): save them as sRGB in a photo program"
         )
 
 

@@ -18,6 +18,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.files.reading import is_there, readable
+from gsfw.core.words import listed
 from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
@@ -255,7 +256,7 @@ def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple
     """
     if not missing:
         return ()
-    shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+    shown = listed(missing)
     encoding, hint = sys.getfilesystemencoding(), ""
     if encoding != "utf-8" and not f"{looked_in}{''.join(missing)}".isascii():
         hint = f" (this locale encodes names as {encoding}; PYTHONUTF8=1 finds those in UTF-8)"

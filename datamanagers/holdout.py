@@ -12,7 +12,7 @@ import numpy as np
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.core.hold_out import HoldOutBy
-from gsfw.core.words import suggestion
+from gsfw.core.words import listed, suggestion
 from gsfw.datamanagers.frames import Frame, Recording, Sightings
 from gsfw.datamanagers.view_spread import lonely_views, places_of, spread_views
 
@@ -20,8 +20,6 @@ WHOLE_CAMERAS = 4
 """Fewest cameras of which one is held out: two or three of them have to show every time."""
 WHOLE_PLACES = 4
 """Fewest places of which one is held out with all of its views."""
-NAMES_SHOWN = 3
-"""Number of names of images in a note."""
 
 
 @dataclass(frozen=True)
@@ -170,9 +168,7 @@ def _with_neighbors(found: HeldOut, frames: Sequence[Frame], recording: Recordin
 
 
 def _named(views: Sequence[int], frames: Sequence[Frame]) -> str:
-    names = ", ".join(frames[index].name for index in sorted(views)[:NAMES_SHOWN])
-    more = len(views) - NAMES_SHOWN
-    return f"{names} and {more} more" if more > 0 else names
+    return listed([frames[index].name for index in sorted(views)], 3)
 
 
 def _sightings(frames: Sequence[Frame], recording: Recording) -> Sightings:

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
+from gsfw.core.words import listed
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header
@@ -148,6 +149,4 @@ def left_out(names: Iterable[str], why: str) -> tuple[str, ...]:
     all_names = list(names)
     if not all_names:
         return ()
-    shown = ", ".join(all_names[:5])
-    shown += f" and {len(all_names) - 5} more" if len(all_names) > 5 else ""
-    return (f"{len(all_names)} images {why} are left out: {shown}",)
+    return (f"{len(all_names)} images {why} are left out: {listed(all_names)}",)

@@ -13,6 +13,7 @@ from jaxtyping import Bool, UInt8
 from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
+from gsfw.core.words import listed
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.images import DecodedImage, load_mask
 from gsfw.datamanagers.mask_folder import MaskFolder
@@ -25,9 +26,6 @@ NONE, ALPHA = "none", "alpha"
 
 Folders = dict[Path, MaskFolder]
 """Folders that were searched, each listed once."""
-
-SHOWN = 3
-"""Largest number of names in a sentence."""
 
 HALF = 127
 """Alpha above it is inside, where alpha is a mask."""
@@ -173,8 +171,7 @@ class StrayMasks:
     @property
     def found(self) -> str:
         """The first names that there are instead."""
-        names = ", ".join(file.name for file in self.files[:SHOWN])
-        return names + (f" and {len(self.files) - SHOWN} more" * (len(self.files) > SHOWN))
+        return listed([file.name for file in self.files], 3)
 
 
 def stray_masks(recording: Recording, rule: MaskRule) -> StrayMasks | None:
@@ -233,9 +230,8 @@ def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> 
             f"datamanager.invert_masks={'false' if rule.inverted else 'true'}.",
         )
     if hidden:
-        names = ", ".join(frame.name for frame in hidden[:5])
-        more = f" and {len(hidden) - 5} more" if len(hidden) > 5 else ""
-        notes.append(f"masks leave nothing of {len(hidden)} images: {names}{more}")
+        names = listed([frame.name for frame in hidden])
+        notes.append(f"masks leave nothing of {len(hidden)} images: {names}")
     if len(masked) < len(frames):
         bare = [frame.name for frame in frames if frame.mask is None]
         notes.append(f"no mask, so that all pixels count: {len(bare)} images, such as {bare[0]}")

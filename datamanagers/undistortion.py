@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from gsfw.core.errors import DataError
-from gsfw.core.words import counted
+from gsfw.core.words import counted, listed
 from gsfw.datamanagers.lens import Lens
 
 KEPT = "FISHEYE"
@@ -206,8 +206,7 @@ def undistortion_notes(undistortions: Sequence[Undistortion]) -> tuple[str, ...]
 def _note(source: str, target: str, found: list[Undistortion]) -> str:
     lost = max(each.lost for each in found)
     sizes = sorted({(each.target.width, each.target.height) for each in found})
-    shown = ", ".join(f"{width}x{height}" for width, height in sizes[:3])
-    shown += f" and {len(sizes) - 3} more" if len(sizes) > 3 else ""
+    shown = listed([f"{width}x{height}" for width, height in sizes], 3)
     lenses = len(set(found))
     note = (
         f"{counted(len(found), 'image')} of {counted(lenses, 'lens', 'lenses')} "

@@ -13,6 +13,7 @@ from jaxtyping import Bool
 
 from gsfw.core.batch import Resampling
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.words import listed
 from gsfw.datamanagers.fitted_map import FittedMap, ImageFit
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.map_file import DEPTH, MAP_EXTENSIONS, MILLIMETRE, MapFile, MapHeader
@@ -202,11 +203,9 @@ class ViewMaps:
         """The number of channels of a map that fits together over all views."""
         lacking = [frame.name for frame in self._frames if name not in frame.maps]
         if lacking and self._rules[name] is not Resampling.DEPTH:
-            shown = ", ".join(lacking[:5])
-            shown += f" and {len(lacking) - 5} more" if len(lacking) > 5 else ""
             raise DataError(
                 f"{recording.path}: {len(lacking)} of {len(self._frames)} views have no map "
-                f"{name!r}: {shown}.",
+                f"{name!r}: {listed(lacking)}.",
                 "Add their files, or files of nan (unknown); only depths may be missing.",
             )
         first: MapHeader | None = None

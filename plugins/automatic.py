@@ -14,7 +14,7 @@ from gsfw.core.files.mirror import local_place
 from gsfw.core.files.prepared_folder import REPORT, is_begun
 from gsfw.core.files.reading import is_file
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.core.words import shell_argument
+from gsfw.core.words import listed, shell_argument
 from gsfw.plugins.initial_splats import refuse_splats
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
@@ -156,8 +156,7 @@ def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, st
     lines = [f"{said} Looked for:", *(f"  {name}: {sign}" for name, sign in formats.items())]
     if path.is_dir():
         names = sorted(f"{item.name}/" if item.is_dir() else item.name for item in path.iterdir())
-        more = f" and {len(names) - MAX_NAMES_SHOWN} more" if len(names) > MAX_NAMES_SHOWN else ""
-        lines.append(f"The folder holds: {', '.join(names[:MAX_NAMES_SHOWN])}{more}.")
+        lines.append(f"The folder holds: {listed(names, MAX_NAMES_SHOWN)}.")
     advice = "If it is one of these formats, name it: datamanager=NAME says what is wrong with it."
     return "\n".join(lines), advice
 

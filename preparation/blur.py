@@ -17,7 +17,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.core.words import listed
+from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import BLURRED, SOFT, ImageQuality, UsualQuality
 
 DIRECTED = 0.15

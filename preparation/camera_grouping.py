@@ -13,6 +13,7 @@ from typing import Literal
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
+from gsfw.core.words import listed
 from gsfw.datamanagers.lens import COEFFICIENTS
 from gsfw.preparation.image_set import ImageSet, SourceImage
 
@@ -103,17 +104,13 @@ def _check_one_size(shared: Sequence[SourceImage], rule: CameraRule) -> None:
         names.setdefault(size, []).append(image.name)
     if len(names) == 1:
         return
-    sizes = ", ".join(f"{size} ({_counted(found)})" for size, found in names.items())
+    sizes = ", ".join(f"{size} ({listed(found, 1)})" for size, found in names.items())
     which = f" in {shared[0].group}" if rule.cameras == "per-folder" and shared[0].group else ""
     raise ConfigError(
         f"cameras={rule.cameras}: the images{which} have several sizes: {sizes}.",
         "One camera has one size, and upright and sideways photos count as two. Use cameras=auto, "
         "or bring the images to one size.",
     )
-
-
-def _counted(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
 def _group(number: int, images: Sequence[SourceImage], rule: CameraRule) -> CameraGroup:

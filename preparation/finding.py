@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from gsfw.core.words import listed
+
 
 class Weight(Enum):
     """Effect of a finding on training."""
@@ -66,16 +68,6 @@ def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: order.index(finding.weight)))
 
 
-SHOWN = 5
-"""Largest number of names in a sentence."""
-
-
-def listed(names: tuple[str, ...]) -> str:
-    """Some names for a sentence, and how many more there are."""
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
-
-
 def remedies(items: Iterable[tuple[str, str]]) -> list[str]:
     """All remedies, each once and with its purpose where there are several.
 
@@ -87,4 +79,4 @@ def remedies(items: Iterable[tuple[str, str]]) -> list[str]:
         needs.setdefault(remedy, []).append(item)
     if len(needs) < 2:
         return list(needs)
-    return [f"{listed(tuple(names))}: {remedy}" for remedy, names in needs.items()]
+    return [f"{listed(names)}: {remedy}" for remedy, names in needs.items()]

@@ -12,7 +12,7 @@ from typing import Literal
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.progress import tracked
-from gsfw.core.words import counted
+from gsfw.core.words import counted, listed
 from gsfw.datamanagers.images import Header, decode
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.choices import Choices
@@ -109,10 +109,9 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
     own = [views.get(one.name, [one]) for one in images.images if one.name not in lost]
     found = [view for group in own for view in group]
     if not found:
-        first, others = left_out[0], len(left_out) - 1
-        which = f"{first.name} and {others} more" if others else first.name
+        first, names = left_out[0], listed([item.name for item in left_out], 1)
         raise DataError(
-            f"{which}: there is no image that can be used. {first.reason[:1].upper()}"
+            f"{names}: there is no image that can be used. {first.reason[:1].upper()}"
             f"{first.reason[1:]}.",
             first.advice,
         )

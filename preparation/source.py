@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
-from gsfw.core.words import counted
+from gsfw.core.words import counted, listed
 from gsfw.datamanagers.color_profile import color_notes
 from gsfw.datamanagers.detection import PHOTOS, VIDEOS
 from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
-from gsfw.preparation.finding import listed, remedies
+from gsfw.preparation.finding import remedies
 from gsfw.preparation.foreign_formats import BRANDS, BY_EXTENSION, HEIC, MISNAMED_VIDEO, RAW
 from gsfw.preparation.heic import Converted, with_jpeg
 from gsfw.preparation.image_file import (
@@ -175,7 +175,7 @@ def _nothing(
         found.append(f"{listed(names)}: {reason}.")
     advice = remedies((item.name, item.advice) for item in left_out if item.advice)
     return DataError(
-        f"{listed(tuple(str(path) for path in paths))}: there is no image and no video that can "
+        f"{listed([str(path) for path in paths])}: there is no image and no video that can "
         f"be used. {' '.join(found or ['There are no files.'])}",
         "\n".join(
             advice or [f"Give a folder of {KNOWN} images, or a video ({', '.join(VIDEOS)})."]

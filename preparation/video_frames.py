@@ -16,8 +16,8 @@ from PIL import Image
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
+from gsfw.core.words import listed
 from gsfw.datamanagers.video import Video
-from gsfw.preparation.finding import listed
 from gsfw.preparation.frame_spacing import NEAREST, spaced
 from gsfw.preparation.image_quality import BLURRED
 from gsfw.preparation.view_change import NO_OVERLAP, SIDE, ViewPath

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from gsfw.charts.style import ratio_marks, round_marks
+from gsfw.core.words import brief
 from gsfw.reports.markup import Markup, div, element, span
 
 WIDTH, HEIGHT = 400.0, 225.0
@@ -207,14 +208,6 @@ def _straight(look: str, x1: float, y1: float, x2: float, y2: float) -> Markup:
 
 def _text(x: float, y: float, text: str, anchor: str) -> Markup:
     return element("text", text, {"x": f"{x:.1f}", "y": f"{y:.1f}", "text-anchor": anchor})
-
-
-def brief(value: float) -> str:
-    """A mark in few characters: 20k instead of 20000."""
-    for size, letter in ((1e6, "M"), (1e3, "k")):
-        if abs(value) >= size:
-            return f"{value / size:.4g}{letter}"
-    return f"{value:.4g}"
 
 
 def _upward_marks(low: float, high: float, is_ratio: bool) -> list[float]:

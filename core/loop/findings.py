@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsfw.core.loop.distractors import KEPT_PSNR
 from gsfw.core.scene import Scene
-from gsfw.core.words import shell_argument
+from gsfw.core.words import listed, shell_argument
 
 if TYPE_CHECKING:
     from gsfw.core.loop.evaluation import Evaluation
@@ -36,9 +36,6 @@ GAP = 10.0
 FEWEST_CONTRADICTED, CONTRADICTED_SHARE = 2, 0.05
 """Number, and part of the searched images, that have to be contradicted by the others. Where it is
 fewer, deleting these photos is the better remedy."""
-
-NAMED = 5
-"""Most images that a message names."""
 
 FEW_VIEWS = 12
 """Number of training views up to which their number is the likely cause of such a gap."""
@@ -235,7 +232,6 @@ def _distractors(evidence: Evidence) -> Finding | None:
         return None
     if len(names) < max(FEWEST_CONTRADICTED, CONTRADICTED_SHARE * searched):
         return None
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     cause, remedies = "", ["ignore_distractors=true", "masks (datamanager.masks=DIR)"]
     if not evidence.settings.get("exposure"):
         cause = "their exposure or light differs, or "
@@ -243,7 +239,7 @@ def _distractors(evidence: Evidence) -> Finding | None:
     return Finding(
         "distractors",
         f"{len(names)} of {searched} compared images show something large that the other images "
-        f"contradict ({', '.join(names[:NAMED])}{more}). Likely cause: people, cars or other "
+        f"contradict ({listed(names)}). Likely cause: people, cars or other "
         f"things that moved between the photos; else {cause}those cameras are misplaced. "
         + _try([*remedies, _check(evidence)]),
         is_collapse=False,

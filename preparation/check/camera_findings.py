@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.core.words import counted
+from gsfw.core.words import counted, listed
 from gsfw.datamanagers.view_spread import numbered_places
 from gsfw.preparation.check.coverage import looked_at, widest_gap
 from gsfw.preparation.check.lens_findings import lens_findings
@@ -14,7 +14,7 @@ from gsfw.preparation.check.pose_findings import pose_findings
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.up_axis import up_axis
 from gsfw.preparation.check.viewpoints import SAME_POSE
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight
 
 FEWEST_VIEWS = 3
 """With two views every point on a ray that both see fits as well; nothing is redundant."""

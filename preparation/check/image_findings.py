@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gsfw.core.words import listed
 from gsfw.preparation.blur import blur_findings
 from gsfw.preparation.check.image_sample import SampledImage
 from gsfw.preparation.check.point_scale import points_factor
 from gsfw.preparation.check.survey import Survey
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import CLIPPED, EMPTY
 
 UNEVEN = 0.1

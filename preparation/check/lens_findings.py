@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsfw.core.cameras import CameraModel
+from gsfw.core.words import listed
 from gsfw.preparation.check.lens_groups import LensGroup
 from gsfw.preparation.check.survey import Survey
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.parallel_views import GIVE_FOCAL, PARALLEL, view_spread
 
 NARROW, WIDE = 20.0, 120.0

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsfw.core.maths.focus import CAMERA_CLEARANCE
+from gsfw.core.words import listed
 from gsfw.preparation.check.image_findings import is_unlit
 from gsfw.preparation.check.lens_findings import spread_groups
 from gsfw.preparation.check.point_scale import points_factor
 from gsfw.preparation.check.survey import Survey
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight
 
 FEW_POINTS = 1000
 """Splats start at the points; the shared captures have 12,169 and 25,784, and 50 photos with

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from gsfw.core.words import listed
 from gsfw.preparation.check.contradictions import Contradictions, exchanged_pairs
 from gsfw.preparation.check.lens_findings import spread_groups
 from gsfw.preparation.check.pose_conventions import Reading
 from gsfw.preparation.check.survey import Survey
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight
 
 
 def pose_findings(survey: Survey) -> Iterator[Finding]:

@@ -10,11 +10,11 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from gsfw.core.words import counted
+from gsfw.core.words import counted, listed
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE, UNLIKE
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.parallel_views import PARALLEL
 
 FEWEST_POINTS = 100
@@ -66,7 +66,7 @@ def focal_findings(evidence: Evidence) -> Iterator[Finding]:
         Weight.LIMIT,
         f"{len(own)} of {figures.registered} images {fit} far better with a focal length of "
         f"{_range(own.values())} pixels than with that of {their} camera ({_range(shared)}): "
-        f"{listed(tuple(own))}.",
+        f"{listed(list(own))}.",
         "The lens was zoomed or exchanged, and that was computed as a movement of the camera: "
         "poses are wrong, and images may be missing.",
         PER_IMAGE,
@@ -118,7 +118,7 @@ def _errors(figures: ModelFigures) -> Iterator[Finding]:
             "images that fit badly",
             Weight.LIMIT,
             f"{len(bad)} of {figures.registered} images are {limit:.1f} pixels or more off where "
-            f"{usual:.1f} are usual: {listed(tuple(bad))}.",
+            f"{usual:.1f} are usual: {listed(list(bad))}.",
             "Their poses are wrong or uncertain, and blur what others show sharply.",
             "Look at them, and leave them out if they are blurred or show something that moved.",
             tuple(bad),

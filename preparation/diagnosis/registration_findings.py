@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
+from gsfw.core.words import listed
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
 from gsfw.preparation.diagnosis.repetition import ONCE
 from gsfw.preparation.diagnosis.unregistered import MATCH_REASONS
-from gsfw.preparation.finding import Finding, Weight, listed, remedies
+from gsfw.preparation.finding import Finding, Weight, remedies
 
 MOST = 0.9
 """Part of the images that a capture without fault places: fox and plush place all."""
@@ -171,7 +172,7 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     files = len(left_out) + evidence.given
     counts = Counter(item.reason for item in left_out).most_common()
     reasons = "; ".join(
-        f"{listed(tuple(item.name for item in left_out if item.reason == reason))}: {reason}"
+        f"{listed([item.name for item in left_out if item.reason == reason])}: {reason}"
         for reason, _ in counts[:SHOWN]
     )
     more = f"; {len(counts) - SHOWN} more reasons are in the report" if counts[SHOWN:] else ""

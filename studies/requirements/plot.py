@@ -6,9 +6,10 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor
 
-from gsfw.charts.census import Census, CensusRow, census_figure, short
+from gsfw.charts.census import Census, CensusRow, census_figure
 from gsfw.charts.style import BLUES, FAINTER, SERIES, pixels
 from gsfw.core.loop.requirements import Requirements
+from gsfw.core.words import brief
 from gsfw.studies.requirements.census import BAND, TIME
 from gsfw.studies.requirements.sentences import decibels, percent
 
@@ -24,7 +25,7 @@ def census(requirements: Requirements) -> Census:
     degrees = requirements.rows_by_degree
     total = max(sum(degrees), 1)
     return Census(
-        title=f"{short(requirements.total_floats)} floats in {requirements.num_gaussians:,} "
+        title=f"{brief(requirements.total_floats, 3)} floats in {requirements.num_gaussians:,} "
         f"Gaussians; PSNR {requirements.psnr:.2f} dB on {len(requirements.views)} {kind} views",
         counts="floats by purpose",
         worths="PSNR lost without it",
@@ -56,7 +57,7 @@ def _groups(requirements: Requirements) -> list[CensusRow]:
     for group in requirements.groups:
         is_band = group.name.startswith(BAND)
         color = BLUES[int(group.name[len(BAND) :])] if is_band else next(others)
-        note = f"{short(group.floats)} floats, {percent(group.floats / total)}"
+        note = f"{brief(group.floats, 3)} floats, {percent(group.floats / total)}"
         rows.append(_row(group.name, color, group.floats, note, group.bought_db))
     return rows
 

@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from gsfw.core.words import (
+    brief,
     clock,
     counted,
     duration,
+    listed,
     metric_name,
     rough_duration,
     rough_size,
@@ -78,6 +80,20 @@ def test_counts_have_a_singular_and_a_plural():
         "1,200 views",
     ]
     assert [counted(count, "lens", "lenses") for count in (1, 2)] == ["1 lens", "2 lenses"]
+
+
+def test_brief_numbers_have_a_letter_for_thousands_and_millions():
+    numbers = (0.05, 200.0, 20_000, 12_351, -2.5e6, 999_960)
+    assert [brief(number) for number in numbers] == [
+        "0.05", "200", "20k", "12.35k", "-2.5M", "1M",
+    ]  # fmt: skip
+    assert [brief(number, 3) for number in (950, 12_345, 999_600)] == ["950", "12.3k", "1M"]
+
+
+def test_long_lists_of_names_end_in_their_number():
+    names = ["a.png", "b.png", "c.png"]
+    assert listed(names) == "a.png, b.png, c.png"
+    assert listed(names, 1) == "a.png and 2 more"
 
 
 def test_metrics_have_words():

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from gsfw.reports.chart import HEIGHT, WIDTH, Chart, Curve, brief, smoothed, thinned
+from gsfw.reports.chart import HEIGHT, WIDTH, Chart, Curve, smoothed, thinned
 from gsfw.reports.markup import element, join
 
 
@@ -101,15 +101,6 @@ def test_the_values_on_hover_are_those_of_the_curves():
     )  # fmt: skip
     assert data["curves"][0]["name"] == "<a>"
     assert data["curves"][0]["points"] == [[1.0, 20.123], [2.0, 21.0]]
-
-
-def test_marks_are_brief():
-    assert [brief(value) for value in (0.05, 200.0, 20_000.0, 2.5e6)] == [
-        "0.05",
-        "200",
-        "20k",
-        "2.5M",
-    ]
 
 
 def test_only_markup_is_trusted():

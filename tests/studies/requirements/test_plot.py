@@ -28,9 +28,7 @@ def test_rows_are_the_groups_with_floats_shares_and_worth():
     assert positions.worth is None
     assert (constant.color, first.color) == BLUES[:2]
     assert (first.worth, first.worth_note) == (-0.1, "-0.10 dB")
-    assert (
-        "1.5 k floats in 100 Gaussians; PSNR 30.00 dB on 1 held-out" in census(REQUIREMENTS).title
-    )
+    assert "1.5k floats in 100 Gaussians; PSNR 30.00 dB on 1 held-out" in census(REQUIREMENTS).title
 
 
 def test_every_thing_to_say_makes_the_image_taller():
