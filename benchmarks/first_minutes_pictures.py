@@ -23,6 +23,7 @@ from torch import Tensor
 from gsfw.commands.main import main as gsfw
 from gsfw.core.callback import Callback, Control, RunInfo
 from gsfw.core.cameras import Cameras
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.run_folder import RunFolder
@@ -75,7 +76,7 @@ class Album(Callback):
 
 def picture(color: Tensor) -> Image.Image:
     """A rendered image as a panel."""
-    pixels = (color.detach().clamp(0, 1) * 255).round().to(torch.uint8).cpu().numpy()
+    pixels = color_bytes(color.detach()).cpu().numpy()
     return Image.fromarray(pixels).resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
 
 

@@ -17,6 +17,7 @@ from PIL import Image
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.files.ply_file import ply_header
 from gsfw.datamanagers.synthetic.motion import Pose, Still
 from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays
@@ -192,7 +193,7 @@ def _surface(
 def _write_points(path: Path, points: Tensor, colors: Tensor, city: City) -> None:
     records = np.empty(len(points), [("place", "<f8", 3), ("color", "u1", 3)])
     records["place"] = points.numpy() + np.array(city.origin)
-    records["color"] = (colors.clamp(0, 1) * 255).round().byte().numpy()
+    records["color"] = color_bytes(colors).numpy()
     kinds = [
         *(("double", axis) for axis in "xyz"),
         *(("uchar", c) for c in ("red", "green", "blue")),

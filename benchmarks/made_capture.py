@@ -14,6 +14,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from gsfw.core.batch import Batch
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.area import shrink_batch
 from gsfw.datamanagers.point_file import ply_of
@@ -78,7 +79,7 @@ class MadeCapture:
                 poses=viewpoints.poses[chosen],
                 pinholes=np.array(pinholes),
                 points=data.scene.points.double().numpy(),
-                colors=(255 * data.scene.point_colors.numpy()).round().astype(np.uint8),
+                colors=color_bytes(data.scene.point_colors).numpy(),
                 times=None if times is None else times[chosen],
             )
 
@@ -128,4 +129,4 @@ def _pixels(batch: Batch) -> UInt8[np.ndarray, "h w d"]:
     layers = [batch.images[0]]
     if batch.alpha is not None:
         layers.append(batch.alpha[0])
-    return (255 * torch.cat(layers, dim=-1)).round().byte().numpy()
+    return color_bytes(torch.cat(layers, dim=-1)).numpy()

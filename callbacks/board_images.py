@@ -12,6 +12,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from torch import Tensor
 
 from gsfw.core.callback import EvaluatedView, TrainingView
+from gsfw.core.color_bytes import color_bytes
 
 ERROR_WHITE = 0.25
 """Mean absolute error of the channels from which on the error is white."""
@@ -105,7 +106,7 @@ def summary_of(tag: str, image: UInt8[np.ndarray, "h w 3"]) -> Summary:
 
 def _sized(panel: Float[Tensor, "h w 3"]) -> Image.Image:
     """An image at a width that can be looked at."""
-    image = Image.fromarray((panel.clamp(0, 1) * 255).round().byte().cpu().numpy())
+    image = Image.fromarray(color_bytes(panel).cpu().numpy())
     width, height = image.size
     if width > LONGEST:
         size = (LONGEST, max(1, round(height * LONGEST / width)))

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.datamanagers.point_file import ply_of
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
@@ -73,7 +74,7 @@ def photographed(moving: bool) -> Capture:
     images, poses = [], []
     for view, camera in enumerate(cameras):
         (batch,) = data.load(Split.TRAIN, [view], cpu)
-        images.append((batch.target(white)[0] * 255).round().byte().numpy())
+        images.append(color_bytes(batch.target(white)[0]).numpy())
         poses.append(np.linalg.inv(camera.world_to_camera[0].double().numpy()) @ GRAPHICS_AXES)
     intrinsics = cameras[0].intrinsics[0]
     times = tuple(float(camera.time[0]) for camera in cameras if camera.time is not None)

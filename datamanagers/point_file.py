@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.errors import DataError
 from gsfw.core.files.ply_file import ply_header, read_ply_header
 
@@ -41,7 +42,7 @@ def ply_of(points: Float64[Tensor, "p 3"], colors: Float[Tensor, "p 3"]) -> byte
     layout = [("position", "<f8", 3), ("color", "u1", 3)]
     vertices = np.empty(len(points), np.dtype(layout))
     vertices["position"] = points.numpy()
-    vertices["color"] = (colors.clamp(0, 1) * 255).round().byte().numpy()
+    vertices["color"] = color_bytes(colors).numpy()
     return header + vertices.tobytes()
 
 

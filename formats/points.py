@@ -11,6 +11,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
+from gsfw.formats.activation import to_bytes
 from gsfw.formats.stored_rows import stored_parts
 
 AXES, COLORS = ("x", "y", "z"), ("red", "green", "blue")
@@ -58,5 +59,5 @@ class PointsExporter(Exporter):
             for part in stored_parts(splats, rows):
                 points = np.empty(len(part), layout)
                 points["position"] = part.means
-                points["color"] = (255 * part.rgb.clip(0, 1)).round().astype(np.uint8)
+                points["color"] = to_bytes(255 * part.rgb)
                 file.write(points.tobytes())

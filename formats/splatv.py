@@ -21,6 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import (
     Exporter,
@@ -151,7 +152,7 @@ def _records(file: MotionFile) -> Iterator[np.ndarray]:
         if bool((rgba[:, 3] < 0).any() or not splats.colors.coefficients.isfinite().all()):
             raise ValueError("colors or opacities are not finite")
         records = np.zeros(len(rows), RECORD)
-        records["rgba"] = (rgba.clamp(0, 1) * 255).round().byte().numpy()
+        records["rgba"] = color_bytes(rgba).numpy()
         records["width"] = motion.width.clamp(NARROWEST, WIDEST).numpy()
         for field, values in (
             ("means", splats.means),

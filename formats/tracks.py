@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.exchange import Exporter, ExportSource, Holds
 from gsfw.core.files.atomic import write_atomically
 
@@ -45,7 +46,7 @@ class TracksExporter(Exporter):
             origin=origin.double().numpy(),
             opacities=tracks.opacities.float().numpy(),
             present=tracks.present.numpy(),
-            colors=(content.colors.clamp(0, 1) * 255).round().byte().numpy(),
+            colors=color_bytes(content.colors).numpy(),
             times=np.array(tracks.times),
             data_times=np.array(content.data_times),
         )

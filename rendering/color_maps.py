@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from gsfw.core.color_bytes import color_bytes
+
 if TYPE_CHECKING:
     from jaxtyping import Float
     from PIL import ImageFont
@@ -104,7 +106,7 @@ def color_bar(
     image = Image.new("RGB", (width, height), tuple([round(255 * UNKNOWN)] * 3))
     top, bottom = margin, max(height - margin, margin + 2)
     ramp = torch.linspace(high, low, bottom - top)[:, None].expand(-1, bar)
-    pixels = (colored(ramp, low, high, colormap) * 255).round().byte().numpy()
+    pixels = color_bytes(colored(ramp, low, high, colormap)).numpy()
     image.paste(Image.fromarray(np.ascontiguousarray(pixels)), (margin, top))
     draw = ImageDraw.Draw(image)
     edge = margin + bar

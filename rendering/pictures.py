@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.rendering.channels import Channel
 from gsfw.rendering.color_maps import UNKNOWN, color_bar, colored, type_face, value_range
 
@@ -111,7 +112,7 @@ def _named(panel: Float[Tensor, "h w 3"], name: str) -> Float[Tensor, "h w 3"]:
     size = max(min(panel.shape[0] // 22, 24), 9)
     face, margin = type_face(size), max(size // 2, 4)
     box = (margin, margin, margin + round(face.getlength(name)) + size, margin + round(1.7 * size))
-    image = Image.fromarray((panel * 255).round().byte().numpy())
+    image = Image.fromarray(color_bytes(panel).numpy())
     shade = Image.new("L", image.size, 0)
     ImageDraw.Draw(shade).rounded_rectangle(box, radius=size // 3, fill=150)
     image.paste((16, 16, 20), mask=shade)

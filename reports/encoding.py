@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 from torch import Tensor
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.loop.area import area_means
 
 QUALITIES = (82, 70, 55, 40, 25, 10)
@@ -24,7 +25,7 @@ def fitted(image: Float[Tensor, "h w 3"], longest: int) -> UInt8[np.ndarray, "h2
     shrunk = image.detach().float().clamp(0, 1)
     if small != (width, height):
         shrunk = area_means(shrunk[None], *small)[0]
-    pixels: np.ndarray = (shrunk.clamp(0, 1) * 255).round().byte().cpu().numpy()
+    pixels: np.ndarray = color_bytes(shrunk).cpu().numpy()
     return pixels
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.errors import UnavailableError
 from gsfw.core.maths.flip import flip_map, unavailable
 from gsfw.rendering.color_maps import colored
@@ -62,5 +63,5 @@ def choose_error(kind: ErrorKind) -> ErrorImage:
 def in_colors(values: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
     """Values in [0, 1] in the colours of FLIP's paper, magma; dark grey where not finite."""
     colors = colored(torch.from_numpy(values.astype(np.float32)), 0.0, 1.0, "magma")
-    pixels: np.ndarray = (colors * 255).round().byte().numpy()
+    pixels: np.ndarray = color_bytes(colors).numpy()
     return pixels

@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.rendering.channels import CHANNELS, Channel, render_channels
@@ -119,7 +120,7 @@ class FrameMaker:
         size = (max(round(full[0] * scale), 1), max(round(full[1] * scale), 1))
         shot = _Shot(self._models, state, self._photo_of, self.trails, values)
         image = shot.image(size)
-        pixels = (image.clamp(0, 1) * 255).round().byte().cpu().numpy()
+        pixels = color_bytes(image).cpu().numpy()
         return Frame(pixels, time.perf_counter() - started, shot.scale, shot.psnr, shot.psnr_size)
 
     @torch.no_grad()

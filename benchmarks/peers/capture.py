@@ -9,6 +9,7 @@ from PIL import Image
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap.writer import write_model
@@ -90,8 +91,7 @@ def _write(batch: Batch, file: Path) -> None:
         raise DataError(
             f"{file.stem} has a mask, which the peers do not read.", "Give a capture without masks."
         )
-    pixels = (255 * batch.images[0]).round().byte()
-    Image.fromarray(pixels.numpy()).save(file)
+    Image.fromarray(color_bytes(batch.images[0]).numpy()).save(file)
 
 
 def _lens(camera: Cameras, source: str) -> Lens:

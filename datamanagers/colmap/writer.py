@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.errors import DataError
 from gsfw.core.maths.rotations import quaternions_of
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, ColmapModel
@@ -67,7 +68,7 @@ def _model(recording: Recording, file: Path, image_root: Path) -> ColmapModel:
         images.append(
             ColmapImage(name, number, tuple(quaternions_of(pose[:3, :3]).tolist()), translation)
         )
-    colors = (recording.point_colors.clamp(0, 1) * 255).round().byte().numpy()
+    colors = color_bytes(recording.point_colors).numpy()
     cameras = {number: _camera(lens) for (_, lens), number in numbers.items()}
     return ColmapModel(file, cameras, images, recording.points.numpy(), colors)
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.color_bytes import color_bytes
 from gsfw.datamanagers.synthetic.scene import SyntheticScene
 
 SUBPIXELS = 4
@@ -102,8 +103,7 @@ def photograph(scene: SyntheticScene, camera: Cameras) -> UInt8[Tensor, "h w 4"]
     premultiplied = torch.cat(strips, dim=1)
     alpha = premultiplied[3:]
     straight = premultiplied[:3] / alpha.clamp_min(1e-6)
-    pixels = (torch.cat([straight, alpha]) * 255).round().to(torch.uint8)
-    return pixels.permute(1, 2, 0).contiguous()
+    return color_bytes(torch.cat([straight, alpha]).permute(1, 2, 0)).contiguous()
 
 
 def show_change(scenes: Sequence[SyntheticScene], camera: Cameras) -> Bool[Tensor, "h w 1"]:

@@ -18,6 +18,7 @@ from jaxtyping import UInt8
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
 from gsfw.core.maths.axes import stated_axis
+from gsfw.formats.activation import to_bytes
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
     ELEMENT_ARRAY_BUFFER,
@@ -58,7 +59,7 @@ def write_mesh(path: Path, mesh: Mesh, up: str) -> None:
 
 
 def _levels(mesh: Mesh) -> UInt8[np.ndarray, "n 3"]:
-    return (mesh.colors.clip(0, 1) * 255).round().astype(np.uint8)
+    return to_bytes(mesh.colors * 255)
 
 
 def _write_ply(file: BinaryIO, mesh: Mesh, up: str) -> None:

@@ -12,11 +12,11 @@ from html import escape
 from importlib.metadata import version
 from importlib.resources import files
 
-import torch
 from jaxtyping import Float, UInt8
 from PIL import Image
 from torch import Tensor
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.exchange import Preview
 from gsfw.formats.web.shown import Shown
 
@@ -143,5 +143,4 @@ def image_address(content: bytes) -> str:
 
 
 def _pixels(image: Float[Tensor, "h w 3"]) -> UInt8[Tensor, "h w 3"]:
-    scaled = image.detach().float().nan_to_num().clamp(0, 1) * 255
-    return scaled.round().to(torch.uint8).cpu().contiguous()
+    return color_bytes(image.detach().float().nan_to_num()).cpu().contiguous()

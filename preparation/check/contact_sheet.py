@@ -183,7 +183,7 @@ def _tile(survey: Survey, view: int, reason: str, weight: Weight) -> Tile:
     name = survey.viewpoints.names[view]
     sampled = next((sampled for sampled in survey.sample.images if sampled.view == view), None)
     if sampled is not None:
-        image = Image.fromarray((255 * sampled.preview.clip(0, 1)).astype(np.uint8))
+        image = Image.fromarray(sampled.pixels)
         return Tile(name, reason, weight, image)
     failed = any(number == view for number, _ in survey.sample.failures)
     return Tile(name, reason, weight, None, "does not decode" if failed else "not in the sample")
@@ -233,7 +233,7 @@ def _marked(survey: Survey, sampled: SampledImage) -> Image.Image:
     width, height = viewpoints.sizes[sampled.view].tolist()
     rows = OVERSAMPLING * STRIP_HEIGHT
     size = (round(rows * width / height), rows)
-    image = Image.fromarray((255 * sampled.preview.clip(0, 1)).astype(np.uint8)).resize(size)
+    image = Image.fromarray(sampled.pixels).resize(size)
     draw, radius = ImageDraw.Draw(image), OVERSAMPLING * RADIUS
     for number in np.argsort(degrees, kind="stable"):
         x, y = (pixels[number] * rows / height).tolist()

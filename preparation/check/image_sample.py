@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Bool, Float, UInt8
 
 from gsfw.core.batch import Batch
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
 from gsfw.core.loop.area import shrink_batch
@@ -127,7 +128,7 @@ def _measured(view: int, batch: Batch) -> SampledImage:
     square = shrink_batch(small, min(PRINT, columns), min(PRINT, rows))
     return SampledImage(
         view=view,
-        pixels=(small.target(torch.ones(3))[0] * 255).round().byte().numpy(),
+        pixels=color_bytes(small.target(torch.ones(3))[0]).numpy(),
         print=square.target(torch.ones(3))[0].numpy().mean(2).astype(np.float64),
         quality=ImageQuality.of(shown, counts),
         contrast=float(grey[valid].std()) if valid.any() else 0.0,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from gsfw.core.cameras import CameraModel
 from gsfw.preparation.check.image_sample import ImageSample
@@ -76,7 +76,7 @@ class ViewMatches:
             _load_colmap()
         except (ImportError, RuntimeError) as error:
             return ViewMatches.none(str(error))
-        features = [_features(image.preview) for image in images]
+        features = [_features(image.pixels) for image in images]
         unmoved = np.full((len(images), len(images)), np.nan)
         pairs, found = [], []
         for i, j in combinations(range(len(images)), 2):
@@ -137,10 +137,10 @@ def _load_colmap() -> None:
 
 
 def _features(
-    preview: Float[np.ndarray, "h w 3"],
+    pixels: UInt8[np.ndarray, "h w 3"],
 ) -> tuple[Float[np.ndarray, "n 2"], Float32[np.ndarray, "n 128"]]:
     """Positions, and descriptors of length 1 whose products are those of RootSIFT."""
-    keypoints, descriptors = sift(np.rint(255 * preview).astype(np.uint8), FEATURES, enlarged=False)
+    keypoints, descriptors = sift(pixels, FEATURES, enlarged=False)
     sums = np.maximum(descriptors.sum(1, dtype=np.float32, keepdims=True), 1)
     return keypoints[:, :2].astype(np.float64), np.sqrt(descriptors / sums, dtype=np.float32)
 

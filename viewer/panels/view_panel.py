@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from viser import Icon
 
+from gsfw.core.color_bytes import color_bytes
 from gsfw.core.errors import UserError
 from gsfw.rendering.channels import CHANNELS, available_channels
 from gsfw.rendering.color_maps import color_bar
@@ -220,7 +221,7 @@ class ViewPanel(Panel):
         if frame.scale is not None:
             scale = frame.scale
             bar = color_bar(BAR_HEIGHT, scale.low, scale.high, scale.unit, scale.colormap)
-            self._bar.image = (bar * 255).byte().numpy()
+            self._bar.image = color_bytes(bar).numpy()
 
     def update(self) -> None:
         """Show the speed, and move the slider with the time that plays."""
