@@ -8,10 +8,8 @@ scale of scene.json are the authors' normalisation; gsfw finds its own, and keep
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -19,19 +17,17 @@ from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.files.array_file import read_numbers
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header
-from gsfw.datamanagers.json_file import mapping, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import pose_from_center
 
 FILES = ("dataset.json", "metadata.json")
 LOOKED_FOR = "dataset.json and metadata.json with camera/ and rgb/"
-LARGEST = 2**63 - 1
-"""Whole number that a tensor holds."""
 
 
 @dataclass
@@ -72,10 +68,10 @@ def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
 
 def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
     splits, split_notes = _splits(folder / "dataset.json")
-    metadata = read_object(folder / "metadata.json")
+    metadata = JsonFields.read(folder / "metadata.json")
+    entries = {name: metadata.fields(name) for name in metadata.values}
     times = {
-        name: _whole(entry, ("time_id", "warp_id"), f"{folder / 'metadata.json'}: {name}")
-        for name, entry in metadata.items()
+        name: entry.count(_first(entry, "time_id", "warp_id")) for name, entry in entries.items()
     }
     frames, missing = [], []
     for name, split in splits.items():
@@ -83,13 +79,13 @@ def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
         if image is None:
             missing.append(name)
             continue
-        if name not in metadata:
+        if name not in entries:
             raise DataError(
                 f"{folder / 'metadata.json'} does not have {name}, which dataset.json lists.",
                 "Copy both files from the same data set.",
             )
         frame = _frame(folder / "camera" / f"{name}.json", name, image)
-        camera = _whole(metadata[name], ("camera_id",), f"{folder / 'metadata.json'}: {name}", 0)
+        camera = entries[name].count("camera_id", default=0)
         frames.append(replace(frame, split=split, time=float(times[name]), camera=camera))
     missing_note = missing_images(missing, len(splits), images)
     (points, colors), point_note = _points(folder / "points.npy")
@@ -113,43 +109,26 @@ def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
 
 def _splits(path: Path) -> tuple[dict[str, Split | None], tuple[str, ...]]:
     """The split of each frame that is used, and notes; ``None`` where nothing is held out."""
-    content = read_object(path)
-    lists = {}
-    for key in ("ids", "train_ids", "val_ids"):
-        names = content.get(key, [])
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise DataError(f"{path}: {key} is not a list of names.", "Copy the file again.")
-        lists[key] = names
-    train = lists["train_ids"] or lists["ids"]
-    held = frozenset(lists["val_ids"])
+    content = JsonFields.read(path)
+    all_names, train, evaluation = (content.texts(f"{of}ids", []) for of in ("", "train_", "val_"))
+    train = train or all_names
+    held = frozenset(evaluation)
     splits: dict[str, Split | None]
     if held:
         splits = {name: Split.TRAIN for name in train if name not in held}
-        splits |= dict.fromkeys(lists["val_ids"], Split.EVAL)
+        splits |= dict.fromkeys(evaluation, Split.EVAL)
     else:
         splits = dict.fromkeys(train)
     if not splits:
         raise DataError(f"{path} lists no frames.", "Expected train_ids and val_ids, or ids.")
-    left_out = len(set(lists["ids"]) - set(splits))
+    left_out = len(set(all_names) - set(splits))
     note = f"{left_out} frames are neither in train_ids nor in val_ids: left out"
     return splits, (note,) if left_out else ()
 
 
-def _whole(
-    entry: Any,  # noqa: ANN401 - whatever the file holds
-    keys: tuple[str, ...],
-    where: str,
-    default: int | None = None,
-) -> int:
-    """The first of some whole numbers that there is."""
-    settings = mapping(entry, where)
-    found = next((settings[key] for key in keys if key in settings), default)
-    if type(found) is not int or not 0 <= found <= LARGEST:
-        raise DataError(
-            f"{where}: {' or '.join(keys)} is {found!r}; expected a whole number from 0 on.",
-            "Copy the file again.",
-        )
-    return found
+def _first(entry: JsonFields, *names: str) -> str:
+    """The first of some names that the entry has."""
+    return next((name for name in names if name in entry), names[0])
 
 
 def _image(folder: Path, name: str) -> Path | None:
@@ -158,67 +137,47 @@ def _image(folder: Path, name: str) -> Path | None:
 
 
 def _frame(file: Path, name: str, image: Path) -> Frame:
-    content = read_object(file)
-    orientation = _numbers(content, ("orientation",), (3, 3), file)
-    position = _numbers(content, ("position",), (3,), file)
+    given = JsonFields.read(file)
+    # Null stands for what is not given.
+    known = {name: value for name, value in given.values.items() if value is not None}
+    content = replace(given, values=known)
+    orientation = torch.from_numpy(content.numbers("orientation", 3, 3))
+    position = torch.from_numpy(content.numbers("position", 3))
     return Frame(
         name=name,
         path=image,
         header=read_header(image),
-        lens=_lens(content, file),
+        lens=_lens(content),
         world_to_camera=pose_from_center(orientation, position, str(file)),
     )
 
 
-def _lens(content: Mapping[str, Any], file: Path) -> Lens:
-    focal = float(_numbers(content, ("focal_length",), (), file))
-    aspect = float(_numbers(content, ("pixel_aspect_ratio",), (), file, 1.0))
-    skew = float(_numbers(content, ("skew",), (), file, 0.0))
-    center = _numbers(content, ("principal_point",), (2,), file)
-    size = _numbers(content, ("image_size",), (2,), file)
-    k1, k2, k3 = _numbers(content, ("radial_distortion",), (3,), file, 0.0).tolist()
-    p1, p2 = _numbers(content, ("tangential_distortion", "tangential"), (2,), file, 0.0).tolist()
+def _lens(content: JsonFields) -> Lens:
+    focal = content.number("focal_length")
+    skew = content.number("skew", 0.0)
+    cx, cy = content.numbers("principal_point", 2).tolist()
+    width, height = content.numbers("image_size", 2).tolist()
+    k1, k2, k3 = content.numbers("radial_distortion", 3, default=[0.0] * 3).tolist()
+    tangential = _first(content, "tangential_distortion", "tangential")
+    p1, p2 = content.numbers(tangential, 2, default=[0.0] * 2).tolist()
     if skew != 0:
         raise DataError(
-            f"{file}: the camera is skewed (skew={skew:g}); expected 0.",
+            f"{content.at}: the camera is skewed (skew={skew:g}); expected 0.",
             "Calibrate it again without skew.",
         )
     lens = Lens(
         fx=focal,
-        fy=focal * aspect,
-        cx=float(center[0]),
-        cy=float(center[1]),
-        width=round(float(size[0])),
-        height=round(float(size[1])),
-        source=str(file),
+        fy=focal * content.number("pixel_aspect_ratio", 1.0),
+        cx=cx,
+        cy=cy,
+        width=round(width),
+        height=round(height),
+        source=content.at,
         model="FULL_OPENCV",
         distortion=(k1, k2, p1, p2, k3, 0.0, 0.0, 0.0),
     )
     lens.check()
     return lens
-
-
-def _numbers(
-    content: Mapping[str, Any],
-    keys: tuple[str, ...],
-    shape: tuple[int, ...],
-    file: Path,
-    default: float | None = None,
-) -> torch.Tensor:
-    """The first of some settings that there is, as float64 of this shape."""
-    value = next((content[key] for key in keys if content.get(key) is not None), None)
-    if value is None and default is not None:
-        return torch.full(shape, default, dtype=torch.float64)
-    try:
-        numbers = torch.tensor(value, dtype=torch.float64)
-    except (TypeError, ValueError, RuntimeError, OverflowError):
-        numbers = torch.empty(0)
-    if numbers.shape != shape or not numbers.isfinite().all():
-        expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
-        raise DataError(
-            f"{file}: {keys[0]} is {value!r}; expected {expected}.", "Copy the file again."
-        )
-    return numbers
 
 
 def _points(file: Path) -> tuple[Points, str]:

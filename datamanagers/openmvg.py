@@ -8,21 +8,21 @@ principal points move by half a pixel. Distortion is OpenCV's in the order k1, k
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.reading import is_folder
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out
-from gsfw.datamanagers.json_file import mapping, number, numbers, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import pose_from_center
@@ -59,20 +59,20 @@ class OpenMvgConfig(ImageFolderConfig):
                 f"{path} contains no {FILES[0]}" + (f"; found {found}." if found else "."),
                 "Give the folder that contains it, or the file.",
             )
-        content = read_object(file)
+        content = JsonFields.read(file)
         root = file.absolute().parent
         images = self._images_of(content, root)
-        views = [view for _, view in _entries(content, "views", file)]
-        poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
-        placed = [view for view in views if _key(view.get("id_pose")) in poses]
+        views = [view for _, view in _entries(content, "views")]
+        poses: dict[int | str | None, JsonFields] = dict(_entries(content, "extrinsics"))
+        placed = [view for view in views if _key(view, "id_pose") in poses]
         if not placed:
             raise DataError(
                 f"{file}: none of its {len(views)} views has a pose.",
                 "Give the file that OpenMVG's reconstruction wrote, not that of its listing.",
             )
-        frames, missing = _frames(placed, poses, _lenses(content, file), images, file)
-        without = [_name(view) for view in views if _key(view.get("id_pose")) not in poses]
-        (points, colors), point_note = self.start_points(root, _points(content, file))
+        frames, missing = _frames(placed, poses, _lenses(content), images)
+        without = [_name(view) for view in views if _key(view, "id_pose") not in poses]
+        (points, colors), point_note = self.start_points(root, _points(content))
         return Recording(
             name=root.name,
             path=file,
@@ -88,9 +88,9 @@ class OpenMvgConfig(ImageFolderConfig):
             up="-y",
         )
 
-    def _images_of(self, content: Mapping[str, Any], root: Path) -> ImageFolder:
+    def _images_of(self, content: JsonFields, root: Path) -> ImageFolder:
         """The folder of images that the file names, if it exists; else the file's own."""
-        stated = content.get("root_path")
+        stated = content.values.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
                 if is_folder(folder):
@@ -116,71 +116,62 @@ def _binary(path: Path) -> str:
     )
 
 
-def _entries(
-    content: Mapping[str, Any], key: str, file: Path
-) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+def _entries(content: JsonFields, name: str) -> Iterator[tuple[int | str, JsonFields]]:
     """Keys and values of one of the file's maps, as the library cereal writes them."""
-    entries = content.get(key)
-    if not isinstance(entries, list):
-        raise DataError(f"{file}: it has no list of {key}.", "Copy the file again.")
-    for entry in entries:
-        where = f"{file}: {key}"
-        outer = mapping(entry, where)
-        value = mapping(outer.get("value"), where)
+    for entry in content.objects(name):
+        value, key = entry.fields("value"), _key(entry, "key")
         if "ptr_wrapper" in value:
-            data = mapping(mapping(value["ptr_wrapper"], where).get("data"), where)
+            data = value.fields("ptr_wrapper").fields("data")
             # Newer versions write the base class apart from what a class adds to it.
-            value = {**value, **data, **mapping(data.get("value0", {}), where)}
-        found = _key(outer.get("key"))
-        if found is None:
-            raise DataError(
-                f"{where}: a key is {outer.get('key')!r:.60}; expected a number.",
-                "Copy the file again.",
-            )
-        yield found, value
+            base = data.fields("value0", {})
+            value = replace(value, values={**value.values, **data.values, **base.values})
+        if key is None:
+            raise entry.refuse("key", "a number")
+        yield key, value
 
 
-def _key(value: object) -> int | str | None:
+def _key(entry: JsonFields, name: str) -> int | str | None:
     """A key of a map, or the reference to it; ``None`` for what can be none."""
+    value = entry.values.get(name)
     return value if isinstance(value, int | str) else None
 
 
-def _name(view: Mapping[str, Any]) -> str:
-    return str(view.get("filename", ""))
+def _name(view: JsonFields) -> str:
+    return str(view.values.get("filename", ""))
 
 
-def _lenses(content: Mapping[str, Any], file: Path) -> dict[Any, Lens]:
+def _lenses(content: JsonFields) -> dict[int | str, Lens]:
     """The lenses by their key; a type's name is given once, and then its number alone."""
-    lenses: dict[Any, Lens] = {}
+    lenses: dict[int | str, Lens] = {}
     names: dict[int, str] = {}
-    for key, entry in _entries(content, "intrinsics", file):
-        where = f"intrinsic {key} of {file}"
-        identifier = round(number(entry, "polymorphic_id", where, 0.0)) & NAME_ID
-        kind = names.setdefault(identifier, str(entry.get("polymorphic_name", "?")))
+    for key, found in _entries(content, "intrinsics"):
+        entry = JsonFields.of(found.values, content.path, f"intrinsic {key}")
+        identifier = round(entry.number("polymorphic_id", 0.0)) & NAME_ID
+        kind = names.setdefault(identifier, str(entry.values.get("polymorphic_name", "?")))
         if "focal_length" not in entry:
             raise DataError(
-                f"{where}: images of {kind} cameras cannot be trained on.",
+                f"{entry.at}: images of {kind} cameras cannot be trained on.",
                 "Expected a pinhole (with radial or Brown distortion) or a fisheye.",
             )
-        lenses[key] = _lens(entry, kind, where)
+        lenses[key] = _lens(entry, kind)
     return lenses
 
 
-def _lens(entry: Mapping[str, Any], kind: str, where: str) -> Lens:
-    focal = number(entry, "focal_length", where)
-    center = numbers(entry.get("principal_point"), 2, f"{where}: principal_point") + HALF
-    width, height = (round(number(entry, key, where)) for key in ("width", "height"))
-    pinhole = Lens(focal, focal, float(center[0]), float(center[1]), width, height, where)
+def _lens(entry: JsonFields, kind: str) -> Lens:
+    focal = entry.number("focal_length")
+    cx, cy = (entry.numbers("principal_point", 2) + HALF).tolist()
+    width, height = (round(entry.number(key)) for key in ("width", "height"))
+    pinhole = Lens(focal, focal, cx, cy, width, height, entry.at)
     pinhole.check()
     found = next((key for key in DISTORTIONS if key in entry), None)
     if found is None:
         if kind not in ("pinhole", "?"):
             raise DataError(
-                f"{where}: cameras of the type {kind} cannot be used.",
+                f"{entry.at}: cameras of the type {kind} cannot be used.",
                 f"Expected one with {', '.join(DISTORTIONS)}, or a pinhole.",
             )
         return pinhole
-    values = numbers(entry[found], DISTORTIONS[found], f"{where}: {found}").tolist()
+    values = entry.numbers(found, DISTORTIONS[found]).tolist()
     if found == "fisheye":
         k1, k2, k3, k4 = values
         return fisheye_lens(pinhole, (k1, k2, k3, k4), (0.0, 0.0))
@@ -189,39 +180,37 @@ def _lens(entry: Mapping[str, Any], kind: str, where: str) -> Lens:
 
 
 def _frames(
-    views: list[Mapping[str, Any]],
-    poses: Mapping[Any, Mapping[str, Any]],
-    lenses: Mapping[Any, Lens],
+    views: list[JsonFields],
+    poses: Mapping[int | str | None, JsonFields],
+    lenses: Mapping[int | str, Lens],
     images: ImageFolder,
-    file: Path,
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the names of those that are not."""
     frames, missing = [], []
     numbers_of = {key: camera for camera, key in enumerate(lenses)}
-    for view in views:
-        where = f"{file}: view {_name(view)}"
-        local = str(view.get("local_path", "")).strip("/")
-        image = images.find(f"{local}/{_name(view)}".lstrip("/"), where)
+    for view in (replace(view, where=f"view {_name(view)}") for view in views):
+        local = str(view.values.get("local_path", "")).strip("/")
+        image = images.find(f"{local}/{_name(view)}".lstrip("/"), view.at)
         if image is None:
             missing.append(_name(view))
             continue
-        key = _key(view.get("id_intrinsic"))
-        if key not in lenses:
-            raise DataError(f"{where}: there is no intrinsic {key}.", "Copy the file again.")
-        pose = _pose(poses[_key(view.get("id_pose"))], where)
+        key = _key(view, "id_intrinsic")
+        if key is None or key not in lenses:
+            raise DataError(f"{view.at}: there is no intrinsic {key}.", "Copy the file again.")
+        pose = _pose(replace(poses[_key(view, "id_pose")], where=view.where))
         frames.append(images.frame(image, lenses[key], pose, numbers_of[key]))
     return frames, missing
 
 
-def _pose(entry: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
-    rotation = numbers(entry.get("rotation"), 9, f"{where}: rotation").reshape(3, 3)
-    return pose_from_center(rotation, numbers(entry.get("center"), 3, f"{where}: center"), where)
+def _pose(entry: JsonFields) -> Float64[Tensor, "4 4"]:
+    rotation = torch.from_numpy(entry.numbers("rotation", 3, 3))
+    center = torch.from_numpy(entry.numbers("center", 3))
+    return pose_from_center(rotation, center, entry.at)
 
 
-def _points(content: Mapping[str, Any], file: Path) -> Points:
+def _points(content: JsonFields) -> Points:
     """The structure's points, which have no colour: grey."""
-    if not content.get("structure"):
+    if not content.values.get("structure"):
         return no_points()
-    entries = [entry for _, entry in _entries(content, "structure", file)]
-    places = [numbers(entry.get("X"), 3, f"{file}: structure") for entry in entries]
-    return torch.stack(places), torch.full((len(places), 3), 0.5)
+    places = np.stack([entry.numbers("X", 3) for _, entry in _entries(content, "structure")])
+    return torch.from_numpy(places), torch.full((len(places), 3), 0.5)

@@ -9,23 +9,23 @@ its centre in parts of its longer side, and so are focal lengths and principal p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
+from gsfw.core.files.json_text import read_json
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig
 from gsfw.datamanagers.images import Header, read_header
-from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import pose_from_opencv
@@ -37,52 +37,51 @@ LONG_FISHEYE = ("fisheye62", "fisheye624")
 FURTHER = ("p1", "p2", "s0", "s1", "s2", "s3")
 
 
-def read_lens(entry: Any, header: Header, where: str) -> Lens:  # noqa: ANN401
+def read_lens(camera: JsonFields, header: Header) -> Lens:
     """The lens of a camera, in pixels of the size that the file says; else of the image's.
 
     Raises:
         DataError: it is of a kind that cannot be used, or its numbers are not those of a camera.
     """
-    camera = mapping(entry, where)
-    kind = camera.get("projection_type", "perspective")
+    kind = camera.values.get("projection_type", "perspective")
     if kind not in (*BROWN, *FISHEYE, *LONG_FISHEYE):
         raise DataError(
-            f"{where}: images of {kind} cameras cannot be trained on.",
+            f"{camera.at}: images of {kind} cameras cannot be trained on.",
             f"Expected one of {', '.join((*BROWN, *FISHEYE, *LONG_FISHEYE))}.",
         )
-    pinhole = _pinhole(camera, header, where)
-    k1, k2, k3, k4, k5, k6 = (number(camera, f"k{i}", where, 0.0) for i in range(1, 7))
-    further = [number(camera, key, where, 0.0) for key in FURTHER]
+    pinhole = _pinhole(camera, header)
+    k1, k2, k3, k4, k5, k6 = (camera.number(f"k{i}", 0.0) for i in range(1, 7))
+    further = [camera.number(key, 0.0) for key in FURTHER]
     if kind in BROWN:
         return brown_lens(pinhole, (k1, k2, k3, 0.0), (further[0], further[1]))
     if kind in FISHEYE:
         return fisheye_lens(pinhole, (k1, k2, k3, k4), (0.0, 0.0))
     if any(further):
         raise DataError(
-            f"{where}: the tangential and thin prism terms of {kind} cannot be used.",
+            f"{camera.at}: the tangential and thin prism terms of {kind} cannot be used.",
             "Estimate the cameras as fisheye_opencv, or export undistorted images.",
         )
     distortion = (k1, k2, k3, k4, k5, k6, *(0.0,) * 6)
     return replace(pinhole, model="RAD_TAN_THIN_PRISM_FISHEYE", distortion=distortion)
 
 
-def _pinhole(camera: Mapping[str, Any], header: Header, where: str) -> Lens:
-    width = round(number(camera, "width", where, float(header.width)))
-    height = round(number(camera, "height", where, float(header.height)))
+def _pinhole(camera: JsonFields, header: Header) -> Lens:
+    width = round(camera.number("width", float(header.width)))
+    height = round(camera.number("height", float(header.height)))
     longer = max(width, height)
     if "focal" in camera:
-        focal_x = focal_y = number(camera, "focal", where)
+        focal_x = focal_y = camera.number("focal")
     else:
-        focal_x = number(camera, "focal_x", where)
-        focal_y = number(camera, "focal_y", where, focal_x)
+        focal_x = camera.number("focal_x")
+        focal_y = camera.number("focal_y", focal_x)
     lens = Lens(
         fx=focal_x * longer,
         fy=focal_y * longer,
-        cx=width / 2 + number(camera, "c_x", where, 0.0) * longer,
-        cy=height / 2 + number(camera, "c_y", where, 0.0) * longer,
+        cx=width / 2 + camera.number("c_x", 0.0) * longer,
+        cy=height / 2 + camera.number("c_y", 0.0) * longer,
         width=width,
         height=height,
-        source=where,
+        source=camera.at,
     )
     lens.check()
     return lens
@@ -114,8 +113,8 @@ class OpenSfmConfig(ImageFolderConfig):
         content, others = _largest(file)
         root = _root(file)
         images = self.image_folder(root)
-        frames, missing = _frames(content, images, file)
-        total = len(content["shots"])
+        frames, missing = _frames(content, images)
+        total = len(content.values["shots"])
         (points, colors), point_note = self.start_points(root, _points(content, file))
         return Recording(
             name=root.name,
@@ -148,7 +147,7 @@ def _root(file: Path) -> Path:
     return folder.parent if deeper else folder
 
 
-def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+def _largest(file: Path) -> tuple[JsonFields, tuple[str, ...]]:
     """The reconstruction with the most shots, and a note on the others."""
     content = read_json(file)
     if not isinstance(content, list) or not content:
@@ -156,45 +155,44 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
             f"{file} is no list of reconstructions.",
             'Expected [{"cameras": ..., "shots": ..., "points": ...}].',
         )
-    for index, entry in enumerate(content):
-        for key in ("cameras", "shots"):
-            mapping(mapping(entry, f"{file}: {index}").get(key), f"{file}: {key} of {index}")
-    best = max(content, key=lambda entry: len(entry["shots"]))
-    if not best["shots"]:
+    found = [JsonFields.of(entry, file, f"[{index}]") for index, entry in enumerate(content)]
+    for entry in found:
+        entry.fields("cameras")
+    shots = [len(entry.fields("shots").values) for entry in found]
+    best = found[shots.index(max(shots))]
+    if not max(shots):
         raise DataError(f"{file} contains no shots: OpenSfM has placed no camera.")
     if len(content) == 1:
         return best, ()
-    left_out = sum(len(entry["shots"]) for entry in content) - len(best["shots"])
+    left_out = sum(shots) - max(shots)
     return best, (
         f"used the largest of {len(content)} reconstructions; {left_out} shots of the others are "
         "left out",
     )
 
 
-def _frames(
-    content: Mapping[str, Any], images: ImageFolder, file: Path
-) -> tuple[list[Frame], list[str]]:
+def _frames(content: JsonFields, images: ImageFolder) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the names of those that are not."""
     cameras: dict[str, tuple[int, Lens]] = {}
     frames, missing = [], []
-    for name, entry in content["shots"].items():
-        where = f"{file}: shot {name}"
-        shot = mapping(entry, where)
-        image = images.find(name, where)
+    known = content.values["cameras"]
+    for name, entry in content.values["shots"].items():
+        shot = JsonFields.of(entry, content.path, f"shot {name}")
+        image = images.find(name, shot.at)
         if image is None:
             missing.append(name)
             continue
         header = read_header(image)
-        key = str(shot.get("camera"))
+        key = str(shot.values.get("camera"))
         if key not in cameras:
-            if key not in content["cameras"]:
-                raise DataError(f"{where}: there is no camera {key!r}.", "Copy the file again.")
-            source = f"camera {key} of {file}"
-            cameras[key] = len(cameras), read_lens(content["cameras"][key], header, source)
+            if key not in known:
+                raise DataError(f"{shot.at}: there is no camera {key!r}.", "Copy the file again.")
+            read = JsonFields.of(known[key], content.path, f"camera {key}")
+            cameras[key] = len(cameras), read_lens(read, header)
         camera, lens = cameras[key]
         if _same_shape(lens, header.width, header.height):
             lens = lens.resized(header.width, header.height)
-        pose = _pose(shot, where)
+        pose = _pose(shot)
         frames.append(Frame(images.name(image), image, header, lens, pose, camera))
     return frames, missing
 
@@ -205,27 +203,26 @@ def _same_shape(lens: Lens, width: int, height: int) -> bool:
     return abs(scale * lens.height - height) <= max(1.0, scale)
 
 
-def _pose(shot: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
-    vector = numbers(shot.get("rotation"), 3, f"{where}: rotation")
-    translation = numbers(shot.get("translation"), 3, f"{where}: translation")
-    return pose_from_opencv(
-        torch.cat([rotation_vector_matrices(vector[None])[0], translation[:, None]], 1), where
+def _pose(shot: JsonFields) -> Float64[Tensor, "4 4"]:
+    vector, translation = (
+        torch.from_numpy(shot.numbers(name, 3)) for name in ("rotation", "translation")
     )
+    matrix = torch.cat([rotation_vector_matrices(vector[None])[0], translation[:, None]], 1)
+    return pose_from_opencv(matrix, shot.at)
 
 
-def _points(content: Mapping[str, Any], file: Path) -> Points:
-    entries = mapping(content.get("points") or {}, f"{file}: points")
-    if not entries:
+def _points(content: JsonFields, file: Path) -> Points:
+    if not content.values.get("points"):
         return no_points()
-    where = f"{file}: point"
-    points = [mapping(entry, where) for entry in entries.values()]
-    place = [numbers(entry.get("coordinates"), 3, f"{where} coordinates") for entry in points]
-    color = [numbers(entry.get("color", [128] * 3), 3, f"{where} color") for entry in points]
-    return check_points(torch.stack(place), (torch.stack(color) / 255).clamp(0, 1).float(), file)
+    entries = content.fields("points")
+    points = [entries.fields(name) for name in entries.values]
+    place = torch.from_numpy(np.stack([point.numbers("coordinates", 3) for point in points]))
+    color = np.stack([point.numbers("color", 3, default=[128.0] * 3) for point in points])
+    return check_points(place, torch.from_numpy(color / 255).clamp(0, 1).float(), file)
 
 
-def _reference(content: Mapping[str, Any]) -> tuple[str, ...]:
-    reference = content.get("reference_lla")
+def _reference(content: JsonFields) -> tuple[str, ...]:
+    reference = content.values.get("reference_lla")
     if not isinstance(reference, dict):
         return ()
     names = ("latitude", "longitude", "altitude")

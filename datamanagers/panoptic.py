@@ -19,16 +19,17 @@ from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.files.array_file import read_numbers
+from gsfw.core.files.json_fields import JsonFields
+from gsfw.core.files.json_text import read_json
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.camera_sequence import common_rate
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
-from gsfw.datamanagers.json_file import read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import pose_from_opencv
+from gsfw.datamanagers.poses import pose_from_opencv, read_rows
 
 FILES = {Split.TRAIN: "train_meta.json", Split.EVAL: "test_meta.json"}
 POINTS = "init_pt_cld.npz"
@@ -170,39 +171,26 @@ class _MetaFile:
 
     def _frame(self, time: int, position: int, image: Path) -> Frame:
         name = str(self.content["fn"][time][position])
-        where = f"{self.path}: {name}"
-        header = read_header(image)
-        try:
-            k, w2c = (
-                torch.tensor(self.content[key][time][position], dtype=torch.float64)
-                for key in ("k", "w2c")
-            )
-            width, height = int(self.content["w"]), int(self.content["h"])
-            right_shapes = k.shape == (3, 3) and w2c.shape in ((3, 4), (4, 4))
-        except (KeyError, TypeError, ValueError, OverflowError):
-            right_shapes = False
-        if not right_shapes:
-            raise DataError(
-                f"{where}: its camera cannot be read.",
-                "Expected w and h, and for each image k (3x3) and w2c (4x4).",
-            )
+        own = {key: self.content[key][time][position] for key in ("k", "w2c")}
+        camera = JsonFields.of({**self.content, **own}, self.path, name)
+        k = camera.numbers("k", 3, 3)
         lens = Lens(
             fx=float(k[0, 0]),
             fy=float(k[1, 1]),
             cx=float(k[0, 2]),
             cy=float(k[1, 2]),
-            width=width,
-            height=height,
-            source=where,
+            width=round(camera.number("w")),
+            height=round(camera.number("h")),
+            source=camera.at,
         )
         lens.check()
         moving = (self.path.parent / "seg" / name).with_suffix(".png")
         return Frame(
             name=name,
             path=image,
-            header=header,
+            header=read_header(image),
             lens=lens,
-            world_to_camera=pose_from_opencv(w2c, where),
+            world_to_camera=pose_from_opencv(read_rows(camera, "w2c"), camera.at),
             moving=moving if is_file(moving) else None,
         )
 

@@ -8,15 +8,14 @@ back, metres, with the world's y up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
@@ -26,7 +25,6 @@ from gsfw.datamanagers.frames import (
     no_points,
 )
 from gsfw.datamanagers.images import EXTENSIONS, read_header
-from gsfw.datamanagers.json_file import number, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_opengl
 
@@ -94,8 +92,8 @@ class PolycamConfig(CaptureConfig):
         frames, missing, blurred = [], [], 0
         cameras: dict[Lens, int] = {}
         for file in files:
-            entry = read_object(file)
-            if number(entry, "blur_score", str(file), self.min_blur_score) < self.min_blur_score:
+            entry = JsonFields.read(file)
+            if entry.number("blur_score", self.min_blur_score) < self.min_blur_score:
                 blurred += 1
                 continue
             names = (images / f"{file.stem}{extension}" for extension in EXTENSIONS)
@@ -103,8 +101,8 @@ class PolycamConfig(CaptureConfig):
             if image is None:
                 missing.append(file.stem)
                 continue
-            values = [number(entry, key, str(file)) for key in POSE_KEYS]
-            lens = _lens(entry, str(file))
+            values = [entry.number(key) for key in POSE_KEYS]
+            lens = _lens(entry)
             pose = torch.tensor(values, dtype=torch.float64).reshape(3, 4)
             header = read_header(image)
             frame = Frame(image.name, image, header, lens, pose_from_opengl(pose, str(file)))
@@ -112,9 +110,9 @@ class PolycamConfig(CaptureConfig):
         return frames, missing, blurred
 
 
-def _lens(entry: Mapping[str, Any], where: str) -> Lens:
-    fx, fy, cx, cy, width, height = (number(entry, key, where) for key in LENS_KEYS)
-    lens = Lens(fx, fy, cx, cy, round(width), round(height), where)
+def _lens(entry: JsonFields) -> Lens:
+    fx, fy, cx, cy, width, height = (entry.number(key) for key in LENS_KEYS)
+    lens = Lens(fx, fy, cx, cy, round(width), round(height), entry.at)
     lens.check()
     return lens
 

@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.maths.rotations import unit_matrices
 
 RIGID = 1e-3
@@ -22,6 +23,17 @@ MIRRORED = (
     "(expected is x right, y up, z back for OpenGL; x right, y down, z forward for OpenCV)."
 )
 """Treatment of poses of a left-handed frame."""
+
+
+def read_rows(entry: JsonFields, name: str) -> Float64[Tensor, "r 4"]:
+    """The matrix of a pose in a JSON file, with or without its last row.
+
+    Raises:
+        DataError: it is missing, or something else.
+    """
+    rows = entry.values.get(name)
+    count = 3 if isinstance(rows, list) and len(rows) == 3 else 4
+    return torch.from_numpy(entry.numbers(name, count, 4))
 
 
 def pose_from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:

@@ -9,10 +9,9 @@ ARKit's axes: x right, y up, z back, with the world's y up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from jaxtyping import Float64
@@ -20,19 +19,20 @@ from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.reading import is_file
 from gsfw.core.maths.rotations import unit_matrices
 from gsfw.core.ranges import number as setting
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
-from gsfw.datamanagers.json_file import number, numbers, read_object
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_opengl
 
 LAYOUTS = (("metadata.json", "rgb"), ("metadata", "rgbd"))
 """File of the cameras and folder of the images: of an export, and of an unpacked .r3d file."""
 LOOKED_FOR = "metadata.json with rgb/, or metadata with rgbd/ (Record3D)"
+OWN_LENS = "perFrameIntrinsicCoeffs"
 EXTENSIONS = (".jpg", ".png")
 
 
@@ -61,11 +61,11 @@ class Record3dConfig(CaptureConfig):
                 "unzip FILE.r3d -d DIR.",
             )
         file, folder = layout
-        content = read_object(file)
-        total = _count(content, str(file))
+        content = JsonFields.read(file)
+        total = _count(content)
         count = min(total, self.max_images)
         chosen = [round(index * (total - 1) / max(1, count - 1)) for index in range(count)]
-        frames, missing = _frames(content, chosen, file, folder)
+        frames, missing = _frames(content, chosen, folder)
         points, colors = no_points()
         fewer = f"{len(chosen)} of {total} images are used (datamanager.max_images=N: more)"
         return Recording(
@@ -94,22 +94,23 @@ def _layout(path: Path) -> tuple[Path, Path] | None:
     return None
 
 
-def _count(content: Mapping[str, Any], where: str) -> int:
+def _count(content: JsonFields) -> int:
     """The number of poses.
 
     Raises:
         DataError: there are none.
     """
-    poses = content.get("poses")
+    poses = content.values.get("poses")
     if not isinstance(poses, list) or not poses:
         raise DataError(
-            f"{where}: there is no list of poses.", "Export the recording from Record3D again."
+            f"{content.at}: there is no list of poses.",
+            "Export the recording from Record3D again.",
         )
     return len(poses)
 
 
 def _frames(
-    content: Mapping[str, Any], chosen: Sequence[int], file: Path, folder: Path
+    content: JsonFields, chosen: Sequence[int], folder: Path
 ) -> tuple[list[Frame], list[str]]:
     """The frames, and the names of missing images."""
     frames, missing = [], []
@@ -120,28 +121,35 @@ def _frames(
         if image is None:
             missing.append(str(index))
             continue
-        where = f"{file}: image {index}"
-        lens = _lens(content, index, where)
-        pose = _pose(numbers(content["poses"][index], 7, f"{where}: pose"), where)
+        entry = _entry(content, index)
+        lens, pose = _lens(entry), _pose(entry)
         camera = cameras.setdefault(lens, len(cameras))
         frames.append(Frame(image.name, image, read_header(image), lens, pose, camera=camera))
     return frames, missing
 
 
-def _lens(content: Mapping[str, Any], index: int, where: str) -> Lens:
-    own = content.get("perFrameIntrinsicCoeffs")
+def _entry(content: JsonFields, index: int) -> JsonFields:
+    """The settings of one image: its pose, and its own lens where it has one."""
+    values = {**content.values, "pose": content.values["poses"][index]}
+    own = values.pop(OWN_LENS, None)
     if isinstance(own, list) and index < len(own):
-        fx, fy, cx, cy = numbers(own[index], 4, f"{where}: perFrameIntrinsicCoeffs").tolist()
+        values[OWN_LENS] = own[index]
+    return JsonFields.of(values, content.path, f"image {index}")
+
+
+def _lens(entry: JsonFields) -> Lens:
+    if OWN_LENS in entry:
+        fx, fy, cx, cy = entry.numbers(OWN_LENS, 4).tolist()
     else:
-        matrix = numbers(content.get("K"), 9, f"{where}: K").tolist()
-        fx, fy, cx, cy = matrix[0], matrix[4], matrix[6], matrix[7]
-    width, height = (round(number(content, key, where)) for key in ("w", "h"))
-    lens = Lens(fx, fy, cx, cy, width, height, where)
+        fx, _, _, _, fy, _, cx, cy, _ = entry.numbers("K", 9).tolist()
+    width, height = (round(entry.number(key)) for key in ("w", "h"))
+    lens = Lens(fx, fy, cx, cy, width, height, entry.at)
     lens.check()
     return lens
 
 
-def _pose(row: Float64[Tensor, " 7"], where: str) -> Float64[Tensor, "4 4"]:
+def _pose(entry: JsonFields) -> Float64[Tensor, "4 4"]:
     """World-to-camera, with OpenCV's axes."""
+    row = torch.from_numpy(entry.numbers("pose", 7))
     rotation = unit_matrices(row[None, [3, 0, 1, 2]])[0]
-    return pose_from_opengl(torch.cat([rotation, row[4:, None]], dim=1), where)
+    return pose_from_opengl(torch.cat([rotation, row[4:, None]], dim=1), entry.at)

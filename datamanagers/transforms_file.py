@@ -12,18 +12,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from gsfw.core.batch import Resampling
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
+from gsfw.core.files.json_text import read_json
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.frames import Frame
 from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
-from gsfw.datamanagers.json_file import optional_number, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import DEPTH, MILLIMETRE, MapFile
-from gsfw.datamanagers.poses import pose_from_opengl
+from gsfw.datamanagers.poses import pose_from_opengl, read_rows
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, read_lens
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
@@ -79,7 +78,8 @@ class TransformsFile:
             if image is None:
                 missing.append(name)
                 continue
-            frames.append(replace(self._frame(name, entry, image), split=split))
+            fields = JsonFields.of(entry, self.path, f"frame {name}")
+            frames.append(replace(self._frame(name, fields, image), split=split))
         return frames, missing
 
     @property
@@ -89,7 +89,8 @@ class TransformsFile:
 
     def times(self) -> tuple[float, ...]:
         """The times of all frames, whether or not their images are on disk."""
-        times = [optional_number(entry, "time", str(self.path)) for entry in self.content["frames"]]
+        entries = (JsonFields.of(entry, self.path) for entry in self.content["frames"])
+        times = [entry.optional_number("time") for entry in entries]
         return tuple(time for time in times if time is not None)
 
     def depth_note(self) -> tuple[str, ...]:
@@ -116,53 +117,55 @@ class TransformsFile:
         candidates = (path, *(path.with_name(path.name + end) for end in EXTENSIONS))
         return next((candidate for candidate in candidates if is_file(candidate)), None)
 
-    def _frame(self, name: str, entry: Mapping[str, Any], image: Path) -> Frame:
-        where = f"{self.path}: frame {name}"
+    def _frame(self, name: str, entry: JsonFields, image: Path) -> Frame:
         header = read_header(image)
         return Frame(
             name=name,
             path=image,
             header=header,
-            lens=self._lens(entry, header, where),
-            world_to_camera=pose_from_opengl(_matrix(entry, where), where),
-            camera=_camera(entry, where),
-            time=optional_number(entry, "time", where),
-            mask=self._named(entry, "mask_path", "use every pixel", where),
-            moving=self._named(
-                entry, "motion_mask_path", "let evaluation detect what moves", where
-            ),
-            maps=self._maps(entry, where),
+            lens=self._lens(entry, header),
+            world_to_camera=pose_from_opengl(read_rows(entry, "transform_matrix"), entry.at),
+            camera=_camera(entry),
+            time=entry.optional_number("time"),
+            mask=self._named(entry, "mask_path", "use every pixel"),
+            moving=self._named(entry, "motion_mask_path", "let evaluation detect what moves"),
+            maps=self._maps(entry),
         )
 
-    def _maps(self, entry: Mapping[str, Any], where: str) -> dict[str, MapFile]:
+    def _whole(self, entry: JsonFields) -> JsonFields:
+        """The settings of a frame, and those of the file that it does not have."""
+        return replace(entry, values={**self.content, **entry.values})
+
+    def _maps(self, entry: JsonFields) -> dict[str, MapFile]:
         """The depth map that a frame names, which nerfstudio takes to be in millimetres."""
         if not self.with_depth:
             return {}
-        path = self._named(entry, DEPTH_KEY, "train without it", where, "depth map")
+        path = self._named(entry, DEPTH_KEY, "train without it", "depth map")
         if path is None:
             return {}
-        unit = optional_number({**self.content, **entry}, "depth_unit_scale_factor", where)
+        whole = self._whole(entry)
+        unit = whole.optional_number("depth_unit_scale_factor")
         if unit is not None and unit <= 0:
-            raise DataError(f"{where}: depth_unit_scale_factor is {unit:g}; expected more than 0.")
+            raise whole.refuse("depth_unit_scale_factor", "a number above 0")
         return {DEPTH: MapFile(path, Resampling.DEPTH, MILLIMETRE if unit is None else unit)}
 
-    def _named(
-        self, entry: Mapping[str, Any], key: str, without: str, where: str, noun: str = "mask"
-    ) -> Path | None:
+    def _named(self, entry: JsonFields, key: str, without: str, noun: str = "mask") -> Path | None:
         """The file that a frame names; ``None`` when it names none."""
-        if not entry.get(key):
+        name = entry.values.get(key)
+        if not name:
             return None
-        mask = self.find(plain_name(str(entry[key])))
+        mask = self.find(plain_name(str(name)))
         if mask is None:
             raise DataError(
-                f"{where}: its {noun} {entry[key]} is not on disk.",
+                f"{entry.at}: its {noun} {name} is not on disk.",
                 f"Put it there, or remove {key} to {without}.",
             )
         return mask
 
-    def _lens(self, entry: Mapping[str, Any], header: Header, where: str) -> Lens:
-        focal = entry if any(key in entry for key in FOCAL_KEYS) else self.content
-        return read_lens({**self.content, **entry}, focal, header, where, str(self.path))
+    def _lens(self, entry: JsonFields, header: Header) -> Lens:
+        whole = self._whole(entry)
+        focal = entry if any(key in entry for key in FOCAL_KEYS) else whole
+        return read_lens(whole, focal, header, str(self.path))
 
 
 def plain_name(file_path: str) -> str:
@@ -170,24 +173,12 @@ def plain_name(file_path: str) -> str:
     return file_path.replace("\\", "/").removeprefix("./")
 
 
-def _camera(entry: Mapping[str, Any], where: str) -> int:
+def _camera(entry: JsonFields) -> int:
     """Number of the camera that a frame states; 0 if it states none."""
-    index = entry.get(CAMERA_KEY, 0)
+    index = entry.values.get(CAMERA_KEY, 0)
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < MOST_CAMERAS:
         raise DataError(
-            f"{where}: {CAMERA_KEY} is {json.dumps(index)}.",
+            f"{entry.at}: {CAMERA_KEY} is {json.dumps(index)}.",
             f"Expected the camera's number, counted from 0, or no {CAMERA_KEY} in any frame.",
         )
     return index
-
-
-def _matrix(entry: Mapping[str, Any], where: str) -> torch.Tensor:
-    try:
-        matrix = torch.tensor(entry["transform_matrix"], dtype=torch.float64)
-    except (KeyError, TypeError, ValueError, OverflowError):
-        matrix = torch.empty(0)
-    if matrix.shape not in ((3, 4), (4, 4)):
-        raise DataError(
-            f"{where}: there is no pose.", "Expected transform_matrix with 4 rows of 4 numbers."
-        )
-    return matrix

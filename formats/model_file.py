@@ -19,12 +19,12 @@ from torch import Tensor
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Exporter, ExportSource, Holds, StoredModel
+from gsfw.core.files.json_fields import BROKEN, JsonFields
 from gsfw.core.loop.checkpoint_file import check_finite
 from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
 from gsfw.formats.compact.half_precision import halved
 from gsfw.formats.compact.state_reader import StateReader
 from gsfw.formats.compact.state_writer import encode_model, num_filling
-from gsfw.formats.json_fields import BROKEN, JsonFields
 from gsfw.formats.model_header import CODED, STATE, read_header, write_header
 
 ROWS, FILLING = "rows", "filling"

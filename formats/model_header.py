@@ -15,12 +15,12 @@ from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import StoredColumn, StoredModel
+from gsfw.core.files.json_fields import BROKEN, JsonFields
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.formats.json_fields import BROKEN, JsonFields
 
 FORMAT = "gsfw model"
 VERSION, PLAIN = 2, 1

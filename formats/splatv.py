@@ -33,6 +33,7 @@ from gsfw.core.exchange import (
     SplatFile,
 )
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import readable
 from gsfw.core.maths.axes import known_or_usual_up, stated_axis
@@ -41,7 +42,6 @@ from gsfw.core.maths.rotations import unit_quaternions
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc
 from gsfw.core.motion.evaluation import recentered, splats_at
 from gsfw.core.splats import Sh, Splats
-from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.stored_rows import CHUNK, check_any
 
 MAGIC = 0x674B

@@ -22,11 +22,11 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import atomic_file
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import readable
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
-from gsfw.formats.json_fields import JsonFields
 from gsfw.lod.nodes import BYTES, PLACE, VALUES, Nodes, Tree, TreeInMemory
 
 MAGIC = b"GSFWLOD1"

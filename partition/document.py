@@ -13,9 +13,9 @@ import numpy as np
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import json_text, parsed_json
 from gsfw.core.files.reading import is_there
-from gsfw.formats.json_fields import JsonFields
 from gsfw.partition.cells import Cell
 from gsfw.partition.ground import Ground
 

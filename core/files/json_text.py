@@ -64,6 +64,18 @@ def _check_depth(document: object) -> None:
         ]
 
 
+def read_json(path: Path, advice: str = "Write or copy the file again.") -> Any:  # noqa: ANN401
+    """Plain data of a JSON file.
+
+    Raises:
+        DataError: it cannot be read, or is no JSON; with ``advice`` as the remedy.
+    """
+    try:
+        return parsed_json(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read as JSON: {error}.", advice) from error
+
+
 def read_document(path: Path, schema: int, advice: str) -> Mapping[str, Any]:
     """Read an object from a JSON file with a known layout.
 
@@ -75,10 +87,7 @@ def read_document(path: Path, schema: int, advice: str) -> Mapping[str, Any]:
     Raises:
         DataError: it cannot be read, or has another content.
     """
-    try:
-        document = parsed_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path} cannot be read: {error}.", advice) from None
+    document = read_json(path, advice)
     if not isinstance(document, dict) or document.get("schema") != schema:
         found = document.get("schema") if isinstance(document, dict) else type(document).__name__
         raise DataError(f"{path}: expected schema {schema}, found {found}.", advice)

@@ -14,6 +14,7 @@ from torch import Tensor
 from gsfw.core.column import Layout
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import StoredColumn, StoredModel
+from gsfw.core.files.json_fields import BROKEN, JsonFields
 from gsfw.formats.array_archive import DTYPES
 from gsfw.formats.compact.byte_blocks import ByteReader
 from gsfw.formats.compact.column_code import FileColumn, decode_exactly, decode_steps
@@ -21,7 +22,6 @@ from gsfw.formats.compact.integer_code import decode_integers
 from gsfw.formats.compact.row_order import RowOrder
 from gsfw.formats.compact.state_writer import STEPPED, least_bytes
 from gsfw.formats.compact.steps import Form, Unit
-from gsfw.formats.json_fields import BROKEN, JsonFields
 
 MOST_AXES = 8
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.formats.json_fields import JsonFields
+from gsfw.core.files.json_fields import JsonFields
 
 DATA = "data:"
 ENCODED = ";base64,"

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.reading import readable
 from gsfw.formats.gltf.buffers import Buffers
@@ -24,7 +25,6 @@ from gsfw.formats.gltf.layout import (
     MAGIC,
     WIDTHS,
 )
-from gsfw.formats.json_fields import JsonFields
 
 MOST_JSON = 1 << 24
 """Bytes of a document: files of splats have a few thousand, large worlds of meshes some million."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.reading import bytes_of
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import num_coefficients
@@ -25,7 +26,6 @@ from gsfw.formats.gltf.layout import (
     coefficient,
 )
 from gsfw.formats.gltf.nodes import Matrix, place, placed_meshes
-from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, activated
 
 ALWAYS = 1_000_000

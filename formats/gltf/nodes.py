@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.maths.frame import transform_splats, with_axes
 from gsfw.core.maths.rotations import rotation_matrices, unit_matrices
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Splats
-from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.stored_rows import MAX_COORDINATE
 
 Matrix = Float64[np.ndarray, "4 4"]

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
-from gsfw.formats.json_fields import JsonFields
 from gsfw.formats.sog.container import CHOOSE, META, Container
 
 KEYS = ("means", "scales", "quats", "sh0")

@@ -139,6 +139,6 @@ def test_malformed_files_are_refused(tmp_path):
     (tmp_path / "d.npy").unlink()
     assert "its depth map d.npy is not on disk." in failure(tmp_path)
     assert "remove depth_file_path to train without it." in failure(tmp_path)
-    assert "depth_unit_scale_factor is -1; expected more than 0." in failure(
+    assert "depth_unit_scale_factor: expected a number above 0, found -1.0." in failure(
         write(tmp_path, depth_unit_scale_factor=-1.0)
     )

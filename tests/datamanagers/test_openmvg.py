@@ -132,7 +132,7 @@ def test_distorted_cameras_see_points_where_the_formula_says(tmp_path, kind, ter
 def test_a_types_name_is_given_once(tmp_path):
     content = scene(BASE | {"disto_k1": [0.1]}, "pinhole_radial_k1")
     content["intrinsics"].append(wrapped(1, BASE, 1))
-    assert "intrinsic 1 of" in failure(write(tmp_path, content))
+    assert "intrinsic 1: cameras of the type" in failure(write(tmp_path, content))
     assert "cameras of the type pinhole_radial_k1 cannot be used." in failure(tmp_path)
 
 
@@ -156,14 +156,14 @@ def test_missing_images_are_noted(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (scene(views=3), "it has no list of views."),
+        (scene(views=3), "views: expected a list of objects, found 3."),
         (scene(extrinsics=[]), "none of its 4 views has a pose."),
         (scene(intrinsics=[]), "view view_000.png: there is no intrinsic 0."),
         (scene(extrinsics=[{"key": 0, "value": {"center": [0, 0, 0]}}]),
-         "rotation: expected 9 numbers, found nothing."),
-        (scene(BASE | {"principal_point": [1]}), "principal_point: expected 2 numbers, found [1]."),
-        (scene(BASE | {"focal_length": "50mm"}), "focal_length is '50mm'; expected a number."),
-        (scene(BASE | {"disto_k3": [1, 2]}), "disto_k3: expected 3 numbers, found [1, 2]."),
+         "view view_000.png: there is no rotation."),
+        (scene(BASE | {"principal_point": [1]}), "principal_point: expected 2 finite numbers"),
+        (scene(BASE | {"focal_length": "50mm"}), "focal_length: expected one finite number"),
+        (scene(BASE | {"disto_k3": [1, 2]}), "disto_k3: expected 3 finite numbers, found [1, 2]."),
         (scene(BASE, "pinhole_bent"), "cameras of the type pinhole_bent cannot be used."),
     ],
 )  # fmt: skip
@@ -192,4 +192,4 @@ def test_keys_and_folders_that_can_be_none_end_in_words(tmp_path):
     content["views"][2]["value"]["ptr_wrapper"]["data"]["id_intrinsic"] = {"a": 0}
     assert "there is no intrinsic" in failure(write(tmp_path, content))
     content["extrinsics"][1]["key"] = [1]
-    assert "extrinsics: a key is [1]; expected a number." in failure(write(tmp_path, content))
+    assert "extrinsics[1]: key: expected a number, found [1]." in failure(write(tmp_path, content))

@@ -83,7 +83,8 @@ def test_numbers_are_those_of_any_size_of_the_image(tmp_path):
     assert projection_error(build(write(tmp_path, reconstruction(camera))), ring()) < 0.01
     turned = BROWN | {"width": HEIGHT, "height": WIDTH}
     said = failure(write(tmp_path, reconstruction(turned)))
-    assert "view_000.png is 64x48 pixels, but camera v2 unknown of" in said
+    assert "view_000.png is 64x48 pixels, but " in said
+    assert ": camera v2 unknown" in said
 
 
 def test_opendronemaps_folders_are_known(tmp_path):
@@ -185,17 +186,17 @@ def changed(**settings):
     ("content", "message"),
     [
         (reconstruction(shots={}), "reconstruction.json contains no shots"),
-        (reconstruction(cameras=3), "cameras of 0: expected an object, found 3."),
+        (reconstruction(cameras=3), "[0]: cameras: expected an object, found 3."),
         (changed(camera="other"), "shot view_000.png: there is no camera 'other'."),
-        (changed(rotation=[1, 2]), "shot view_000.png: rotation: expected 3 numbers, found [1, 2]"),
-        (changed(translation=None), "translation: expected 3 numbers, found nothing."),
+        (changed(rotation=[1, 2]), "shot view_000.png: rotation: expected 3 finite numbers"),
+        (changed(translation=None), "translation: expected 3 finite numbers, found nothing."),
         (reconstruction(BROWN | {"projection_type": "spherical"}),
          "images of spherical cameras cannot be trained on."),
         (reconstruction(BROWN | {"projection_type": "fisheye624", "s1": 0.1}),
          "the tangential and thin prism terms of fisheye624 cannot be used."),
-        (reconstruction(BROWN | {"focal_x": None}), "focal_x is nothing; expected a number."),
+        (reconstruction(BROWN | {"focal_x": None}), "focal_x: expected one finite number"),
         (reconstruction(points={"1": {"coordinates": [1, 2]}}),
-         "point coordinates: expected 3 numbers"),
+         "[0]: points: 1: coordinates: expected 3 finite numbers"),
     ],
 )  # fmt: skip
 def test_malformed_files_are_refused(tmp_path, content, message):

@@ -85,10 +85,10 @@ def test_missing_images_are_noted(tmp_path):
     ("settings", "message"),
     [
         ({"poses": None}, "metadata.json: there is no list of poses."),
-        ({"poses": [[0.0] * 6] * 4}, "image 0: pose: expected 7 numbers, found [0.0, 0.0"),
+        ({"poses": [[0.0] * 6] * 4}, "image 0: pose: expected 7 finite numbers, found [0.0, 0.0"),
         ({"poses": [[1, 1, 0, 1, 0, 0, 0]] * 4}, "image 0: the pose (transform_matrix) is not"),
-        ({"K": None}, "image 0: K: expected 9 numbers, found nothing."),
-        ({"w": "wide"}, "image 0: w is 'wide'; expected a number."),
+        ({"K": None}, "image 0: there is no K."),
+        ({"w": "wide"}, "image 0: w: expected one finite number, found 'wide'."),
         ({"K": [-1.0] * 9}, "is no camera."),
     ],
 )

@@ -14,7 +14,6 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
-    opengl,
     projection_error,
     request,
     ring,
@@ -236,23 +235,13 @@ def test_times_are_normalised_and_their_range_is_kept(folder):
     assert [(batch.views, float(batch.time)) for batch in batches] == [((0, 2), 0.0), ((1,), 1.0)]
 
 
-def test_a_pose_with_nan_names_its_frame(folder):
-    pose = opengl(ring().poses[2])
-    pose[0][3] = float("nan")
-    path = write(folder, [{}, {}, {"transform_matrix": pose}, {}])
-    assert str(failure(folder)).startswith(
-        f"{path}: frame view_002.png: the pose (transform_matrix) has numbers that are not finite."
-    )
-
-
 @pytest.mark.parametrize(
-    "pose", [None, [[1, 2], [3, 4]], "none", [[1, 2, 3, "x"]] * 4, [[1, 2, 3, 10**400]] * 4]
+    "pose", [None, [[1, 2], [3, 4]], "none", [[1, 2, 3, "x"]] * 4, [[1, 2, 3, float("nan")]] * 4]
 )
 def test_a_frame_without_a_pose_is_named(folder, pose):
     path = write(folder, [{"transform_matrix": pose}, {}, {}, {}])
-    assert str(failure(folder)) == (
-        f"{path}: frame view_000.png: there is no pose.\n"
-        "Expected transform_matrix with 4 rows of 4 numbers."
+    assert str(failure(folder)).startswith(
+        f"{path}: frame view_000.png: transform_matrix: expected 4 x 4 finite numbers, found "
     )
 
 
@@ -354,18 +343,18 @@ def test_a_camera_without_focal_length_says_what_would_give_one(folder):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"fl_x": "70"}, "fl_x is '70'; expected a number."),
-        ({"cx": float("inf")}, "cx is inf; expected a number."),
-        ({"cx": 10**400}, f"cx is {10**59}...; expected a number."),
+        ({"fl_x": "70"}, "fl_x: expected one finite number, found '70'."),
+        ({"cx": float("inf")}, "cx: expected one finite number, found inf."),
+        ({"cx": 10**400}, f"cx: expected one finite number, found {10**56}...."),
         (
             {"fl_x": None, "camera_angle_x": 40.0},
-            "camera_angle_x is 40; expected radians between 0 and pi.",
+            "camera_angle_x: expected radians between 0 and pi, found 40.0.",
         ),
     ],
 )
 def test_a_setting_that_is_no_number_is_named(folder, settings, message):
     path = write(folder, **settings)
-    assert str(failure(folder)) == f"{path}: frame view_000.png: {message}"
+    assert str(failure(folder)).startswith(f"{path}: frame view_000.png: {message}\n")
 
 
 def test_an_image_of_another_size_is_refused_with_both_sizes(folder):

@@ -40,7 +40,7 @@ def test_a_file_with_more_than_this_version_knows_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("{", "cannot be read: Expecting property name"),
+        ("{", "cannot be read as JSON: Expecting property name"),
         ("[]", "expected schema 1, found list"),
         ('{"schema": 2}', "expected schema 1, found 2"),
         ('{"schema": 1, "results": [{"row": "a"}]}', "results are not as gsfw writes them"),

@@ -59,7 +59,7 @@ def test_another_fingerprint_begins_anew_and_says_how_much_went(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{", "cannot be read: Expecting property name enclosed in double quotes"),
+        ("{", "cannot be read as JSON: Expecting property name enclosed in double quotes"),
         ("[]", "expected schema 1, found list."),
         (json.dumps({"schema": 2}), "expected schema 1, found 2."),
         (json.dumps({"schema": 1}), "its records are not as gsfw writes them."),

@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import read_json
 
 LARGEST_COUNT = 2**53
 """Largest whole number that every reader of JSON keeps whole."""
 LONGEST = 60
 """Characters of a wrong value in a message."""
+COPY = "Write or copy the file again; it may be damaged or cut off."
+"""Next action after a wrong value in a file of another program."""
 
 
 @dataclass(frozen=True)
@@ -29,23 +32,48 @@ class JsonFields:
     path: Path
     """Path of the file, for messages."""
     where: str
-    """Path of the object: "scene", "cameras[3]"; empty for the document itself."""
+    """Place of the object: "scene", "cameras[3]"; empty for the document itself."""
     values: Mapping[str, Any]
     remedy: str = "It was not written by gsfw, or was changed since; export the model again."
     """The next action after a wrong value, for messages."""
     document: str = "header"
-    """The part of the file that holds the object, for messages."""
+    """The part of the file that holds the object, for messages; empty for all of it."""
+
+    @staticmethod
+    def read(path: Path) -> JsonFields:
+        """The object that a file of another program holds.
+
+        Raises:
+            DataError: it cannot be read as JSON, or holds something else.
+        """
+        return JsonFields.of(read_json(path), path)
+
+    @staticmethod
+    def of(value: object, path: Path, where: str = "") -> JsonFields:
+        """A value in a file of another program as an object.
+
+        Raises:
+            DataError: it is something else.
+        """
+        found = JsonFields(path, where, value if isinstance(value, dict) else {}, COPY, "")
+        if not isinstance(value, dict):
+            raise DataError(f"{found.at}: expected an object, found {_shown(value)}.", COPY)
+        return found
+
+    @property
+    def at(self) -> str:
+        """The file and the place of the object, for messages."""
+        return f"{self.path}: {self.where}" if self.where else str(self.path)
 
     def __contains__(self, name: str) -> bool:
         return name in self.values
 
     def refuse(self, name: str, expected: str) -> DataError:
         """The error for a value."""
-        found = repr(self.values[name])
-        found = found if len(found) <= LONGEST else f"{found[: LONGEST - 3]}..."
+        part = f" of its {self.document}" if self.document else ""
         return DataError(
-            f"{self.path}: {self._place(name)} of its {self.document}: expected {expected}, "
-            f"found {found}.",
+            f"{self.path}: {self._place(name)}{part}: expected {expected}, "
+            f"found {_shown(self.values.get(name))}.",
             self.remedy,
         )
 
@@ -53,13 +81,15 @@ class JsonFields:
         if name in self.values:
             return self.values[name]
         if default is None:
-            raise DataError(
-                f"{self.path}: its {self.document} has no {self._place(name)}.", self.remedy
-            )
+            lacking = f"{self.at}: there is no {name}."
+            if self.document:
+                lacking = f"{self.path}: its {self.document} has no {self._place(name)}."
+            raise DataError(lacking, self.remedy)
         return default
 
     def _place(self, name: str) -> str:
-        return f"{self.where}.{name}" if self.where else name
+        between = "." if self.document else ": "
+        return f"{self.where}{between}{name}" if self.where else name
 
     def text(self, name: str, default: str | None = None) -> str:
         """Text, which may be empty."""
@@ -82,6 +112,14 @@ class JsonFields:
             raise self.refuse(name, f"a whole number of at least {least}")
         return int(value)
 
+    def number(self, name: str, default: float | None = None) -> float:
+        """A finite number."""
+        return float(self.numbers(name, default=default))
+
+    def optional_number(self, name: str) -> float | None:
+        """A finite number; ``None`` if it is absent or null."""
+        return None if self.values.get(name) is None else self.number(name)
+
     def positive(self, name: str) -> float:
         """A finite number above 0."""
         value = self._find(name)
@@ -89,7 +127,9 @@ class JsonFields:
             raise self.refuse(name, "a number above 0")
         return float(value)
 
-    def numbers(self, name: str, *shape: int, default: Sequence[float] | None = None) -> np.ndarray:
+    def numbers(
+        self, name: str, *shape: int, default: float | Sequence[float] | None = None
+    ) -> np.ndarray:
         """Finite numbers of this shape in nested lists, float64; -1 for any length.
 
         The result is one number per element: never a broadcast, never parsed text.
@@ -108,9 +148,9 @@ class JsonFields:
         """True if there is no value under this name."""
         return self._find(name) is None
 
-    def texts(self, name: str) -> list[str]:
+    def texts(self, name: str, default: list[str] | None = None) -> list[str]:
         """A list of texts."""
-        value = self._find(name)
+        value = self._find(name, default)
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise self.refuse(name, "a list of texts")
         return value
@@ -149,6 +189,11 @@ class JsonFields:
 
 
 BROKEN = JsonFields.remedy
+
+
+def _shown(value: object) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 def _is_whole(value: object) -> bool:

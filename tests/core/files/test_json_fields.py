@@ -1,0 +1,58 @@
+"""Objects of JSON files of other programs; those of gsfw's own are tested with their formats."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from gsfw.core.errors import DataError
+from gsfw.core.files.json_fields import JsonFields
+
+LONG = 10**400
+"""A whole number that no float holds; JSON has such."""
+
+
+def fields(**values):
+    return JsonFields.of(values, Path("a.json"), "image 3")
+
+
+def refusal(read):
+    with pytest.raises(DataError) as caught:
+        read()
+    return caught.value.message
+
+
+def test_numbers_are_read():
+    given = fields(a=3, b=None, c=[[1, 2], [3, 4.5]])
+    assert given.number("a") == given.optional_number("a") == 3.0
+    assert given.number("d", 0.5) == 0.5
+    assert given.optional_number("b") is given.optional_number("d") is None
+    assert given.numbers("c", 2, 2).tolist() == [[1.0, 2.0], [3.0, 4.5]]
+    assert given.numbers("d", 2, default=[0.0, 1.0]).tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("value", [math.inf, math.nan, LONG, True, "3", [3], None], ids=str)
+def test_values_other_than_finite_numbers_are_refused(value):
+    given = fields(a=value, b=[1.0, value])
+    said = "a.json: image 3: a: expected one finite number, found "
+    assert refusal(lambda: given.number("a")).startswith(said)
+    said = "a.json: image 3: b: expected 2 finite numbers, found "
+    assert refusal(lambda: given.numbers("b", 2)).startswith(said)
+
+
+def test_missing_values_and_inner_objects_are_named_by_their_place():
+    given = fields(a={"b": 1}, c=[{}])
+    assert refusal(lambda: given.number("d")) == "a.json: image 3: there is no d."
+    (item,) = given.objects("c")
+    assert refusal(lambda: item.number("d")) == "a.json: image 3: c[0]: there is no d."
+    said = "a.json: image 3: a: b: expected text, found 1."
+    assert refusal(lambda: given.fields("a").text("b")) == said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("{", "cannot be read as JSON: "), ("[1]", ": expected an object, found [1].")],
+)
+def test_files_of_something_else_are_refused(tmp_path, text, said):
+    (tmp_path / "a.json").write_text(text)
+    assert said in refusal(lambda: JsonFields.read(tmp_path / "a.json"))
