@@ -83,13 +83,13 @@ def show(axes: Axes, pixels: np.ndarray, title: str) -> None:
         side.set_visible(False)
 
 
-def outline(ellipses: Ellipses, row: int, reach: float) -> np.ndarray:
-    """The ellipse at ``reach`` standard deviations of a projected Gaussian, [points, 2]."""
-    xx, xy, yy = ellipses.covariances[row].tolist()
+def outline(ellipses: Ellipses, reach: float) -> np.ndarray:
+    """The ellipse at ``reach`` standard deviations of the first Gaussian, [points, 2]."""
+    xx, xy, yy = ellipses.covariances[0].tolist()
     axes = np.linalg.cholesky(np.array([[xx, xy], [xy, yy]]))
     turn = np.linspace(0, 2 * math.pi, 100)
     circle = np.stack([np.cos(turn), np.sin(turn)])
-    return (ellipses.means[row].numpy()[:, None] + reach * axes @ circle).T
+    return (ellipses.means[0].numpy()[:, None] + reach * axes @ circle).T
 
 
 def exact_points(splats: Splats, view: Cameras) -> Tensor:
@@ -121,7 +121,7 @@ def projection() -> Figure:
         show(axes, np.ones((96, 96, 3)), title)
         axes.scatter(*points.T.numpy(), s=2.0, color=SERIES[1], linewidths=0, alpha=0.5)
         for reach in (1, 2, 3):
-            axes.plot(*outline(ellipses, 0, reach).T, color=SERIES[0], linewidth=1.4)
+            axes.plot(*outline(ellipses, reach).T, color=SERIES[0], linewidth=1.4)
         axes.set_xlim(0, 96)
         axes.set_ylim(96, 0)
     view = camera(96, 96, 250.0)
@@ -130,7 +130,7 @@ def projection() -> Figure:
     show(axes, image(splats, view), "rendered; dashed: alpha = 1/255")
     ellipses = project(splats, view, SETTINGS)
     edge = math.sqrt(2 * math.log(0.95 / DEFAULT.alpha_min))
-    axes.plot(*outline(ellipses, 0, edge).T, color=INK, linewidth=1, linestyle=(0, (4, 3)))
+    axes.plot(*outline(ellipses, edge).T, color=INK, linewidth=1, linestyle=(0, (4, 3)))
     return figure
 
 

@@ -24,18 +24,15 @@ def refuse(function: str, argument: str, advice: str = ELSEWHERE) -> UnservedArg
     return UnservedArgument(f"{function}: gsfw.compat does not support {argument}.", advice)
 
 
-def refuse_unknown(
-    function: str, given: Mapping[str, object], remedies: Mapping[str, str] | None = None
-) -> None:
+def refuse_unknown(function: str, given: Mapping[str, object]) -> None:
     """Refuse arguments that a function has no parameter for.
 
     Args:
         function: as its users write it.
         given: the arguments, by name.
-        remedies: for some names the next step of the user.
 
     Raises:
         UnservedArgument: there is one.
     """
     for name in given:
-        raise refuse(function, name, (remedies or {}).get(name, ELSEWHERE))
+        raise refuse(function, name, ELSEWHERE)

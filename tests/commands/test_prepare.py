@@ -12,21 +12,15 @@ from support import captured
 from support.here_executor import HereExecutor
 from support.matched_captures import pose_errors
 from support.panorama_room import FULL_XMP
-from support.small_captures import opengl, ring, write_images, write_transforms
 from support.small_videos import write_video
 
-from gsfw.commands import prepare, train
-from gsfw.commands.interface.arguments import parse
+from gsfw.commands import prepare
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
-from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.progress import shown_by
-from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.datamanagers.point_file import read_points
 from gsfw.preparation import native
-from gsfw.preparation.check import plan
 from gsfw.preparation.report import unused_rows
 
 PHOTOS = 9
@@ -324,111 +318,6 @@ def test_long_names_leave_room_in_the_table(capsys):
     document = {"left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
     Console().table(["not used", "reason", ""], unused_rows(document))
     assert f"\n...{'y' * 36}.jpg  left out  it is empty\n" in capsys.readouterr().out
-
-
-def write_arc(folder, places=6):
-    """Six photos of the built-in scene from places on an arc, with their cameras."""
-    cameras = captured.arc(6, step=8.0, width=96, height=72)
-    cameras = cameras.select([number % places for number in range(6)])
-    paths = captured.write(folder / "images", captured.photos(cameras))
-    focal = float(cameras.intrinsics[0, 0, 0])
-    frames = [
-        {"file_path": f"images/{path.name}", "transform_matrix": opengl(pose.numpy())}
-        for path, pose in zip(paths, cameras.world_to_camera, strict=True)
-    ]
-    lens = {"fl_x": focal, "fl_y": focal, "cx": 48, "cy": 36, "w": 96, "h": 72}
-    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
-    return folder
-
-
-def test_points_of_all_surfaces_are_written_beside_the_data_set(tmp_path, capsys):
-    main(["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", "dense=true"])
-    assert "surface points: " in capsys.readouterr().out
-    points, colors = read_points(tmp_path / "out" / "dense.ply", "dense")
-    assert len(points) > 1000
-    table = points[:, 2].abs() < 0.05
-    assert table.float().mean() > 0.5, "most of an image shows the table, at z = 0"
-    assert colors.std() > 0.05
-
-
-def test_a_capture_from_one_place_has_no_dense_points(tmp_path, capsys):
-    source = write_arc(tmp_path / "a", places=1)
-    main(["prepare", str(source), f"out={tmp_path / 'out'}", "dense=true"])
-    said = capsys.readouterr().out
-    assert ("note: no dense.ply: " in said) != ("will not train" in said)
-    assert not (tmp_path / "out" / "dense.ply").exists()
-
-
-@pytest.fixture
-def trained(monkeypatch):
-    """The words that each training was started with; the training only prints a document."""
-    started = []
-
-    def start(words):
-        started.append(words)
-        Console(parse(words).flag("json")).result({"trained": True})
-        return 0
-
-    monkeypatch.setattr(train, "run", start)
-    return started
-
-
-def test_a_planned_run_is_suggested_no_size_of_images(tmp_path, capsys, monkeypatch, trained):
-    monkeypatch.setattr(plan, "LONG_SIDE", 80)  # The photos have 96 pixels.
-    words = ["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}"]
-    assert main(words) == 0
-    assert "next: gsfw train method=3dgs data=" in capsys.readouterr().out
-    report = document(tmp_path / "out")
-    assert "downscale" not in report["next"]
-    assert report["suggested"]["downscale"] == "2"
-    assert main([*words, "train=true", "steps=9"]) == 0
-    assert main([*words, "train=true", "minutes=1"]) == 0
-    assert ["downscale=2" in words for words in trained] == [True, False]
-
-
-@pytest.mark.parametrize(
-    "last", ["train=true json=true", "train=true --json", "json=true train=true"]
-)
-def test_the_document_of_the_training_is_alone_on_standard_output(tmp_path, capsys, trained, last):
-    words = ["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", *last.split()]
-    assert main(words) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out) == {"trained": True}
-    assert "verdict: " in said.err
-
-
-def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
-    write_images(tmp_path / "a", ring())
-    write_transforms(tmp_path / "a" / "transforms.json", ring())
-    code = main(["prepare", str(tmp_path / "a"), f"out={tmp_path / 'out'}"])
-    said = capsys.readouterr().out
-    assert "has cameras already (transforms): they are kept; poses=compute makes new ones" in said
-    report = document(tmp_path / "out")
-    assert code == (1 if report["verdict"] == "will not train" else 0)
-    assert report["format"] == "transforms"
-    assert (tmp_path / "out" / "sparse" / "0" / "cameras.bin").is_file()
-    data = ColmapConfig().build(DataRequest(tmp_path / "out", eval_every_nth=0))
-    assert len(data.views(Split.TRAIN)) == len(ring().poses)
-    data.close()
-
-
-def test_a_data_set_with_cameras_needs_no_cluster(tmp_path, capsys):
-    write_images(tmp_path / "a", ring())
-    write_transforms(tmp_path / "a" / "transforms.json", ring())
-    assert told(capsys, tmp_path / "a", f"out={tmp_path / 'out'}", "executor=ray") == (
-        f"error: executor=ray: {tmp_path / 'a'} has cameras already, which are kept.\n"
-        "Leave it out, or compute new cameras with poses=compute.\n"
-    )
-
-
-def test_a_data_set_with_depths_keeps_them(tmp_path):
-    write_images(tmp_path / "a", ring())
-    Image.fromarray(np.full((48, 64), 2000, np.uint16)).save(tmp_path / "a" / "depth.png")
-    settings = [{"depth_file_path": "depth.png"} for _ in ring().poses]
-    write_transforms(tmp_path / "a" / "transforms.json", ring(), settings)
-    main(["prepare", str(tmp_path / "a"), f"out={tmp_path / 'out'}"])
-    depths = [path.read_bytes() for path in (tmp_path / "out" / "depths").iterdir()]
-    assert depths == len(ring().poses) * [(tmp_path / "a" / "depth.png").read_bytes()]
 
 
 def told(capsys, *arguments):
