@@ -33,8 +33,17 @@ def write_arc(folder, places=6):
     return folder
 
 
-def test_points_of_all_surfaces_are_written_beside_the_data_set(tmp_path, capsys):
-    main(["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", "dense=true"])
+@pytest.fixture(scope="module")
+def arc(tmp_path_factory):
+    """Such photos, and a data set that was made of them."""
+    folder = tmp_path_factory.mktemp("arc")
+    source, out = write_arc(folder / "a"), folder / "out"
+    assert main(["prepare", str(source), f"out={out}"]) == 0
+    return source, out
+
+
+def test_points_of_all_surfaces_are_written_beside_the_data_set(arc, tmp_path, capsys):
+    main(["prepare", str(arc[0]), f"out={tmp_path / 'out'}", "dense=true"])
     assert "surface points: " in capsys.readouterr().out
     points, colors = read_points(tmp_path / "out" / "dense.ply", "dense")
     assert len(points) > 1000
@@ -65,12 +74,13 @@ def trained(monkeypatch):
     return started
 
 
-def test_a_planned_run_is_suggested_no_size_of_images(tmp_path, capsys, monkeypatch, trained):
+def test_a_planned_run_is_suggested_no_size_of_images(arc, capsys, monkeypatch, trained):
     monkeypatch.setattr(plan, "LONG_SIDE", 80)  # The photos have 96 pixels.
-    words = ["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}"]
+    source, out = arc
+    words = ["prepare", str(source), f"out={out}"]
     assert main(words) == 0
     assert "next: gsfw train method=3dgs data=" in capsys.readouterr().out
-    report = json.loads((tmp_path / "out" / "prepare.json").read_text())
+    report = json.loads((out / "prepare.json").read_text())
     assert "downscale" not in report["next"]
     assert report["suggested"]["downscale"] == "2"
     assert main([*words, "train=true", "steps=9"]) == 0
@@ -78,12 +88,10 @@ def test_a_planned_run_is_suggested_no_size_of_images(tmp_path, capsys, monkeypa
     assert ["downscale=2" in words for words in trained] == [True, False]
 
 
-@pytest.mark.parametrize(
-    "last", ["train=true json=true", "train=true --json", "json=true train=true"]
-)
-def test_the_document_of_the_training_is_alone_on_standard_output(tmp_path, capsys, trained, last):
-    words = ["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", *last.split()]
-    assert main(words) == 0
+@pytest.mark.parametrize("last", ["train=true --json", "json=true train=true"])
+def test_the_document_of_the_training_is_alone_on_standard_output(arc, capsys, trained, last):
+    source, out = arc
+    assert main(["prepare", str(source), f"out={out}", *last.split()]) == 0
     said = capsys.readouterr()
     assert json.loads(said.out) == {"trained": True}
     assert "verdict: " in said.err
