@@ -10,6 +10,7 @@ from support.color_profiles import DISPLAY_P3, profile
 from support.small_captures import (
     HEIGHT,
     WIDTH,
+    builder_of,
     request,
     ring,
     write_colmap,
@@ -34,8 +35,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def build(path, **settings):
-    return ColmapConfig().build(request(path, **settings))
+build = builder_of(ColmapConfig)
 
 
 def test_batches_hold_float_images_with_their_cameras(folder):

@@ -8,8 +8,8 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     projection_error,
-    request,
     ring,
     write_image,
 )
@@ -48,10 +48,7 @@ def write(folder, capture, shrunk=(1,)):
     return folder
 
 
-def build(path, config=None, **settings):
-    return LlffConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(LlffConfig)
 failure = failure_of(build)
 
 

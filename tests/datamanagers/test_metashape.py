@@ -13,8 +13,8 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     projection_error,
-    request,
     ring,
     write_image,
     write_images,
@@ -82,10 +82,7 @@ def write(folder, capture=None, values=None, kind="frame", **parts):
     return folder
 
 
-def build(path, config=None, **settings):
-    return MetashapeConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(MetashapeConfig)
 failure = failure_of(build)
 
 

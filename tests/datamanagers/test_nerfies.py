@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.small_captures import HEIGHT, WIDTH, projection_error, request, ring, write_image
+from support.small_captures import (
+    HEIGHT,
+    WIDTH,
+    builder_of,
+    projection_error,
+    ring,
+    write_image,
+)
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
@@ -66,8 +73,7 @@ def write(folder, train=(0, 2, 4), held=(1, 3), scales=(1, 2), camera=(), **data
     return folder
 
 
-def build(path, **settings):
-    return NerfiesConfig().build(request(path, **settings))
+build = builder_of(NerfiesConfig)
 
 
 def test_points_fall_where_they_should(tmp_path):

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from support.small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, write_image
+from support.small_captures import (
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    builder_of,
+    projection_error,
+    write_image,
+)
 from support.small_videos import cameras, over_time, shade, write_video
 
 from gsfw.core.datamanager import Split
@@ -53,8 +60,7 @@ def write_videos(folder, capture, times=6):
     return write_poses(folder, capture)
 
 
-def build(path, config=None, **settings):
-    return Neural3DVideoConfig(**config or {}).build(request(path, **settings))
+build = builder_of(Neural3DVideoConfig)
 
 
 def test_points_fall_where_they_should_in_videos(tmp_path):

@@ -12,8 +12,8 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     projection_error,
-    request,
     ring,
     square,
     write_images,
@@ -68,10 +68,7 @@ def write(folder, content=None, images="images"):
     return folder
 
 
-def build(path, config=None, **settings):
-    return OpenMvgConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(OpenMvgConfig)
 failure = failure_of(build)
 
 

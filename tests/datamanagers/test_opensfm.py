@@ -12,8 +12,8 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     projection_error,
-    request,
     ring,
     write_images,
 )
@@ -60,10 +60,7 @@ def write(folder, *reconstructions, images="images"):
     return folder
 
 
-def build(path, config=None, **settings):
-    return OpenSfmConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(OpenSfmConfig)
 failure = failure_of(build)
 
 

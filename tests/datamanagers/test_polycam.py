@@ -12,9 +12,9 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     opengl,
     projection_error,
-    request,
     ring,
     write_images,
 )
@@ -41,10 +41,7 @@ def write(folder, prefix="", views=4, **settings):
     return folder
 
 
-def build(path, config=None, **settings):
-    return PolycamConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(PolycamConfig)
 failure = failure_of(build)
 
 

@@ -12,8 +12,8 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     projection_error,
-    request,
     ring,
     square,
     write_images,
@@ -60,10 +60,7 @@ def write(folder, rows=None, header=HEADER, images="images"):
     return folder
 
 
-def build(path, config=None, **settings):
-    return RealityCaptureConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(RealityCaptureConfig)
 failure = failure_of(build)
 
 

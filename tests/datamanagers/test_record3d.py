@@ -10,9 +10,9 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     opengl,
     projection_error,
-    request,
     ring,
     write_image,
 )
@@ -45,10 +45,7 @@ def expected(views=4):
     return capture
 
 
-def build(path, config=None, **settings):
-    return Record3dConfig(**config or {}).build(request(path, **settings))
-
-
+build = builder_of(Record3dConfig)
 failure = failure_of(build)
 
 

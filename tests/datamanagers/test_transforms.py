@@ -14,8 +14,8 @@ from support.small_captures import (
     FOCAL,
     HEIGHT,
     WIDTH,
+    builder_of,
     projection_error,
-    request,
     ring,
     write_image,
     write_images,
@@ -37,8 +37,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def build(path, **settings):
-    return TransformsConfig().build(request(path, **settings))
+build = builder_of(TransformsConfig)
 
 
 def write(folder, frame_settings=(), **settings):

@@ -2,6 +2,7 @@
 
 import json
 import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import torch
 from PIL import Image
 
 from gsfw.core.datamanager import DataManager, DataRequest, Split
+from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS
 
 WIDTH, HEIGHT = 64, 48
@@ -177,6 +179,15 @@ def write_transforms(path: Path, capture: SmallCapture, frame_settings=(), **set
 def request(path: Path, **settings) -> DataRequest:
     """A request that holds nothing out, unless told otherwise."""
     return replace(DataRequest(path, eval_every_nth=0), **settings)
+
+
+def builder_of(kind: Callable[..., CaptureConfig]) -> Callable[..., DataManager]:
+    """A function that builds a data set of a format, with settings of it and of the request."""
+
+    def build(path: Path, config: Mapping[str, object] | None = None, **settings) -> DataManager:
+        return kind(**config or {}).build(request(path, **settings))
+
+    return build
 
 
 def projection_error(data: DataManager, capture: SmallCapture, scale: float = 1.0) -> float:
