@@ -73,6 +73,9 @@ class PrepareOptions(CpuExecutionOptions):
     (auto), all that are twice as wide as high (true), or none (false)."""
     panorama_views: Literal["around", "sphere"] = "around"
     """Views of each: six around, or these and one up and one down."""
+    panorama_masks: str = "auto"
+    """Masks of 360-degree images, bright where pixels count: one image for all, a folder with one
+    for each, none, or auto: those in masks/ beside the images."""
     cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
     """Images that share a camera: auto goes by EXIF, size and folder."""
     camera_model: str = "auto"
@@ -243,13 +246,16 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
     from gsfw.preparation.panorama_cutting import PanoramaRule
+    from gsfw.preparation.panorama_masks import PanoramaMasks
     from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.writing.image_output import OutputRule
     from gsfw.preparation.writing.written_files import COLMAP, TRANSFORMS
 
     rule = PreparationRule(
         frames=options.frames,
-        panoramas=PanoramaRule(options.panoramas, options.panorama_views),
+        panoramas=PanoramaRule(
+            options.panoramas, options.panorama_views, PanoramaMasks(options.panorama_masks)
+        ),
         cameras=CameraRule(options.cameras, options.camera_model, options.focal),
         feature_size=options.feature_size,
         feature_count=options.features,

@@ -42,6 +42,11 @@ class VideoTraits:
     """Primaries, by their number in ITU-T H.273."""
     interlaced: bool = False
     """True if the rows of an image are of two times, in turn."""
+    projection: int | None = None
+    """Projection of a 360-degree video, by its number in FFmpeg (AVSphericalProjection), as the
+    file states it (boxes sv3d, or XMP data); ``None`` for other videos."""
+    stereo: bool = False
+    """True if an image shows two views side by side, or one above the other."""
 
     @staticmethod
     def of(stream: Any, frame: Any) -> VideoTraits:  # noqa: ANN401
@@ -59,6 +64,8 @@ class VideoTraits:
             transfer=stream.codec_context.color_trc,
             primaries=stream.codec_context.color_primaries,
             interlaced=frame.interlaced_frame,
+            projection=_first_number(frame, "SPHERICAL"),
+            stereo=bool(_first_number(frame, "STEREO3D")),
         )
 
     @property
@@ -136,6 +143,12 @@ def _red_green_blue(frame: Any, layout: str) -> UInt[np.ndarray, "h w 3"]:  # no
         src_color_range=frame.color_range or None,
     )
     return np.asarray(converted.to_ndarray())
+
+
+def _first_number(frame: Any, name: str) -> int | None:  # noqa: ANN401
+    """The number that side data of FFmpeg begin with: their type; ``None`` where there are none."""
+    data = frame.side_data.get(name)
+    return None if data is None else int(struct.unpack("=i", bytes(data)[:4])[0])
 
 
 def _display(frame: Any) -> tuple[bool, int]:  # noqa: ANN401

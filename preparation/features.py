@@ -292,6 +292,7 @@ def _tasks(images: ImageSet, settings: FeatureSettings) -> list[ImageTask]:
             settings.count,
             measured,
             settings.enough,
+            None if one.mask is None else one.mask.absolute(),
         )
         for one in images.images
     ]

@@ -13,6 +13,7 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.input_files import writable
 from gsfw.preparation.journal import Journal, identity_of
+from gsfw.preparation.panorama import kind_of_video
 from gsfw.preparation.workspace import Workspace
 
 FEWEST = 3
@@ -91,7 +92,8 @@ def _frames_of(
         say(f"note: {video.path.name}: {note}")
     # Those that are there are kept, so this is quick where nothing is missing.
     files = write_frames(video, choice, folder)
+    said = kind_of_video(video.traits)
     return [
-        SourceImage(f"{name}/{file.name}", file, read_header(file), Exif(), name, time)
+        SourceImage(f"{name}/{file.name}", file, read_header(file), Exif(), name, time, said)
         for file, time in zip(files, choice.seconds, strict=True)
     ]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.exif import Exif
+from gsfw.preparation.panorama import Kind
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,12 @@ class SourceImage:
     """The folder or the video it comes from; empty where there is only one."""
     time: float | None = None
     """Seconds from the first frame of its video; ``None`` for photos."""
+    said: Kind | None = None
+    """The kind that the metadata of its video tell; ``None`` for none, and for photos."""
     view: ViewOfPanorama | None = None
     """``None`` for an image that a camera has taken."""
+    mask: Path | None = None
+    """An image of the same size that is bright where pixels count; ``None`` where all do."""
 
     @property
     def shot(self) -> str:

@@ -53,19 +53,19 @@ class InputFiles:
     """Files and folders that were skipped unread."""
 
     @staticmethod
-    def find(paths: Sequence[Path], out: Path | None = None) -> InputFiles:
+    def find(paths: Sequence[Path], apart: Sequence[Path] = ()) -> InputFiles:
         """Go through all inputs.
 
         Args:
             paths: folders, images and videos.
-            out: where results go; not looked at, should it lie in one of the folders.
+            apart: results and masks; not looked at, should they lie in one of the folders.
 
         Raises:
             DataError: one of the paths is not there, or cannot be read.
         """
         found = InputFiles()
         folders, asked = _sort_inputs(paths)
-        seen = set() if out is None else {followed(out)}
+        seen = {followed(path) for path in apart}
         batches = {root: found._files_in(root, seen) for root in folders}
         known = {followed(file.path) for batch in batches.values() for file in batch}
         for path in asked:
@@ -116,16 +116,18 @@ class InputFiles:
         for item in _listed(folder):
             if _is_noise(item.name):
                 continue
+            if followed(item) in seen:
+                continue
             if not item.is_dir():
                 # A link to nowhere is told of later; pipes and devices would block whoever reads.
                 if item.is_file() or not item.exists():
                     yield item
-            elif followed(item) in seen:
-                continue
             elif is_begun(item):
                 self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
             elif item.name.lower() == MASKS:
-                self.notes.append(f"{item} is not used: by its name, it holds masks")
+                self.notes.append(
+                    f"{item}: by its name, it holds masks; panoramas alone use theirs"
+                )
             else:
                 yield from self._below(item, seen)
 

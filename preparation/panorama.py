@@ -1,7 +1,8 @@
 """Panorama: which images show all directions, by their metadata or by their pixels.
 
-Metadata are those of Google's photo spheres (https://developers.google.com/streetview/spherical-
-metadata), which cameras of 360 degrees and stitching programs write.
+Metadata of photos are those of Google's photo spheres (https://developers.google.com/streetview/
+spherical-metadata), which cameras of 360 degrees and stitching programs write; those of videos are
+Google's Spherical Video (https://github.com/google/spatial-media, versions 1 and 2).
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.datamanagers.area import shrink
 from gsfw.datamanagers.images import FORMATS, Header, decode
+from gsfw.datamanagers.video_traits import VideoTraits
+from gsfw.preparation.panorama_views import ODD, has_proportions
 
 EQUIRECTANGULAR = b"equirectangular"
 """The value of GPano:ProjectionType in the XMP data of panoramas."""
 SIZES = ("CroppedAreaImageWidthPixels", "FullPanoWidthPixels")
 SIZES_DOWN = ("CroppedAreaImageHeightPixels", "FullPanoHeightPixels")
 """GPano's names of the size of what is there, and of all directions."""
-ODD = 0.02
-"""Deviation of the proportions from 2:1, in parts of the width, of some programs' panoramas."""
+EQUIRECTANGULAR_VIDEO, CUBE_MAP, EQUIRECTANGULAR_PARTS = 0, 1, (2, 3)
+"""FFmpeg's numbers of projections (AVSphericalProjection); the last ones are tiles and halves."""
 SMALL = (256, 128)
 """Width and height to which an image is shrunk before its pixels are compared."""
 BAND = 16
@@ -60,7 +63,9 @@ class Kind(Enum):
     PART = "part of a panorama"
     """Some directions, equirectangular."""
     STEREO = "stereo panorama"
-    """All directions for each eye, one image above the other."""
+    """All directions for each eye, in one image."""
+    CUBE = "cube map"
+    """All directions, as six views in one image."""
     FISHEYES = "two fisheyes"
     """Two circles, as a camera with two lenses sees them before they are stitched."""
 
@@ -71,11 +76,6 @@ class Look:
 
     kind: Kind
     is_said: bool = False
-
-
-def is_twice_as_wide(header: Header) -> bool:
-    """True if an image has the proportions of a panorama of all directions."""
-    return abs(header.width - 2 * header.height) <= ODD * header.width
 
 
 def look_at(path: Path, header: Header) -> Look:
@@ -115,7 +115,20 @@ def said_kind(path: Path, header: Header) -> Kind | None:
         return Kind.PART if is_whole_file else None
     if header.width == header.height == full_width == full_height:
         return Kind.STEREO
-    return Kind.PANORAMA if is_twice_as_wide(header) else None
+    return Kind.PANORAMA if has_proportions(header.width, header.height) else None
+
+
+def kind_of_video(traits: VideoTraits) -> Kind | None:
+    """The kind of a video's images that its metadata tell; ``None`` where they tell nothing."""
+    if traits.projection == CUBE_MAP:
+        return Kind.CUBE
+    if traits.projection in EQUIRECTANGULAR_PARTS:
+        return Kind.PART
+    if traits.projection != EQUIRECTANGULAR_VIDEO:
+        return None
+    if traits.stereo:
+        return Kind.STEREO
+    return Kind.PANORAMA if has_proportions(*traits.shown_size) else None
 
 
 def _number(xmp: bytes, name: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
@@ -22,13 +22,15 @@ from gsfw.preparation.foreign_formats import STITCH
 from gsfw.preparation.image_file import unique_names
 from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage, ViewOfPanorama
 from gsfw.preparation.journal import identity_of
-from gsfw.preparation.panorama import Kind, Look, is_twice_as_wide, look_at, said_kind
+from gsfw.preparation.panorama import Kind, Look, look_at, said_kind
+from gsfw.preparation.panorama_masks import PanoramaMasks, cut_masks
 from gsfw.preparation.panorama_views import (
     AROUND,
     DIRECTIONS,
     SMALLEST,
     continued,
     cut,
+    has_proportions,
     map_bytes,
     view_side,
 )
@@ -51,8 +53,12 @@ REASONS = {
         "leave it out. panoramas=false uses it as an ordinary photo, which suits narrow ones only.",
     ),
     Kind.STEREO: (
-        "it is a stereo panorama, with the image of one eye above that of the other",
+        "it is a stereo panorama, with an image for each eye",
         "Export the panorama of one eye (equirectangular, 2:1).",
+    ),
+    Kind.CUBE: (
+        "its metadata call it a cube map, with six views in one image",
+        "Export it as equirectangular, 2:1; panoramas=false uses it as an ordinary image.",
     ),
 }
 """Reasons and remedies of images that are left out."""
@@ -69,6 +75,7 @@ class PanoramaRule:
     high, or none."""
     views: Literal["around", "sphere"] = "around"
     """Six views around, or also one up and one down."""
+    masks: PanoramaMasks = field(default_factory=PanoramaMasks)
 
     @property
     def count(self) -> int:
@@ -86,8 +93,9 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
         choices: receives what was found.
 
     Raises:
-        ConfigError: all should be panoramas, and no image has their proportions.
-        DataError: there is nothing left that could be used.
+        ConfigError: all should be panoramas, and no image has their proportions; or there are
+            masks of panoramas, and no panorama.
+        DataError: there is nothing left that could be used, or a mask cannot be used.
         OutputError: a view cannot be written, or the disk has no room for all.
     """
     kinds = _kinds(images, rule)
@@ -104,7 +112,8 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
             "Leave it out, or export whole panoramas (equirectangular).",
         )
     lost = {item.name for item in left_out}
-    views, damaged = _cut(panoramas, rule, folder)
+    masks = rule.masks.find(panoramas)
+    views, damaged = _cut(panoramas, masks, rule, folder)
     left_out += damaged
     own = [views.get(one.name, [one]) for one in images.images if one.name not in lost]
     found = [view for group in own for view in group]
@@ -117,7 +126,7 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
         )
     cut_ones = [one for one in panoramas if views[one.name]]
     if cut_ones:
-        choices.choose("panoramas", _words(cut_ones, rule))
+        choices.choose("panoramas", _words(cut_ones, masks, rule))
     return replace(images, images=_named(found), left_out=(*images.left_out, *left_out))
 
 
@@ -135,25 +144,32 @@ def _kinds(images: ImageSet, rule: PanoramaRule) -> dict[str, Kind]:
     likely = [one for one in images.images if _may_be(one)]
     if rule.panoramas == "true":
         return {one.name: kind for one in likely if (kind := _wanted_kind(one)) is not None}
+    found = {one.name: one.said for one in likely if one.said is not None}
     alike: dict[tuple[str, int, int], list[SourceImage]] = {}
     for one in likely:
+        if one.name in found:
+            continue
         alike.setdefault((one.group, one.header.width, one.header.height), []).append(one)
-    found: dict[str, Kind] = {}
     for members in alike.values():
         found |= _kinds_of(members)
     return found
 
 
 def _may_be(image: SourceImage) -> bool:
-    # Metadata may tell that a photo of any proportions is a part of a panorama.
-    is_likely = image.time is None or is_twice_as_wide(image.header)
+    # Metadata may tell that an image of any proportions is a part of a panorama.
+    is_photo = image.time is None
+    is_likely = (
+        is_photo
+        or image.said is not None
+        or has_proportions(image.header.width, image.header.height)
+    )
     return is_likely and image.header.width >= SMALLEST
 
 
 def _wanted_kind(image: SourceImage) -> Kind | None:
     """The kind of an image of which the user says that it is a panorama if it can be one."""
-    kind = said_kind(image.path, image.header) if image.time is None else None
-    if kind is None and is_twice_as_wide(image.header):
+    kind = said_kind(image.path, image.header) if image.time is None else image.said
+    if kind is None and has_proportions(image.header.width, image.header.height):
         return Kind.PANORAMA
     return kind
 
@@ -170,13 +186,17 @@ def _kinds_of(members: Sequence[SourceImage]) -> dict[str, Kind]:
     return said
 
 
-def _words(panoramas: Sequence[SourceImage], rule: PanoramaRule) -> str:
+def _words(panoramas: Sequence[SourceImage], masks: Mapping[str, Path], rule: PanoramaRule) -> str:
     """The sentence about what was cut."""
     count = len(panoramas)
     sides = sorted({view_side(one.header.width) for one in panoramas})
     size = f"{sides[0]}x{sides[0]}" if len(sides) == 1 else f"{sides[0]} to {sides[-1]}"
     verb, they = ("is", "it") if count == 1 else ("are", "them")
-    how = "" if rule.panoramas == "true" else f"; panoramas=false uses {they} uncut"
+    masked = sum(one.name in masks for one in panoramas)
+    how = f", and so {'is its mask' if count == 1 else 'are their masks'}" if masked else ""
+    if 0 < masked < count:
+        how = f"; masks were found for {masked} of {they}"
+    how += "" if rule.panoramas == "true" else f"; panoramas=false uses {they} uncut"
     return (
         f"panoramas: {counted(count, 'panorama')} {verb} cut into "
         f"{counted(count * rule.count, 'view')} of 90 degrees and {size} pixels{how}."
@@ -184,23 +204,26 @@ def _words(panoramas: Sequence[SourceImage], rule: PanoramaRule) -> str:
 
 
 def _cut(
-    panoramas: Sequence[SourceImage], rule: PanoramaRule, folder: Path
+    panoramas: Sequence[SourceImage], masks: dict[str, Path], rule: PanoramaRule, folder: Path
 ) -> tuple[dict[str, list[SourceImage]], list[LeftOut]]:
     """Views by the names of their panoramas, and panoramas that do not decode.
 
     Views of other panoramas, and of earlier versions of these, are removed.
     """
     files = {one.name: _files(one, rule, folder) for one in panoramas}
+    mask_files = cut_masks(panoramas, masks, rule.count, folder)
     missing = [one for one in panoramas if not all(map(Path.is_file, files[one.name]))]
     damaged = _write_all(missing, files, rule, folder) if missing else []
     lost = {item.name for item in damaged}
-    used = {file for group in files.values() for file in group}
+    used = {file for group in (*files.values(), *mask_files.values()) for file in group}
     with readable_write_errors(folder):
         for file in set(folder.glob("*")) - used:
             file.unlink()
-    return {
-        one.name: [] if one.name in lost else _views(one, files[one.name]) for one in panoramas
-    }, damaged
+    views = {
+        one.name: _views(one, files[one.name], mask_files.get(one.name, [None] * rule.count))
+        for one in panoramas
+    }
+    return {name: [] if name in lost else found for name, found in views.items()}, damaged
 
 
 def _write_all(
@@ -248,7 +271,9 @@ def _write(panorama: SourceImage, files: Sequence[Path], maps: MapCache) -> None
             write_atomically(file, encoded(pixels, format_name, JPEG_QUALITY))
 
 
-def _views(panorama: SourceImage, files: Sequence[Path]) -> list[SourceImage]:
+def _views(
+    panorama: SourceImage, files: Sequence[Path], masks: Sequence[Path | None]
+) -> list[SourceImage]:
     side = view_side(panorama.header.width)
     path = PurePosixPath(panorama.name)
     return [
@@ -260,6 +285,9 @@ def _views(panorama: SourceImage, files: Sequence[Path]) -> list[SourceImage]:
             group=panorama.group,
             time=panorama.time,
             view=ViewOfPanorama(panorama.name, number, side / 2),
+            mask=mask,
         )
-        for number, (direction, file) in enumerate(zip(DIRECTIONS, files, strict=False))
+        for number, (direction, file, mask) in enumerate(
+            zip(DIRECTIONS, files, masks, strict=False)
+        )
     ]

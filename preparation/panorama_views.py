@@ -17,10 +17,12 @@ import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 
 from gsfw.datamanagers.images import fit_image
-from gsfw.datamanagers.warp import MapCache, Warp
+from gsfw.datamanagers.warp import ROWS, MapCache, Warp
 
 EDGE = 4
 """Columns and rows that continue a panorama beyond its edges, for kernels that reach over them."""
+ODD = 0.02
+"""Deviation of the proportions from 2:1, in parts of the width, of some programs' panoramas."""
 SMALLEST = 256
 """Least width of a panorama that is cut; views of less than 80 pixels have no features."""
 
@@ -62,6 +64,11 @@ DIRECTIONS = (
 """All of them; a view is named by its position here."""
 AROUND = 6
 """The first so many look around."""
+
+
+def has_proportions(width: int, height: int) -> bool:
+    """True for the proportions of a panorama of all directions."""
+    return abs(width - 2 * height) <= ODD * width
 
 
 def view_side(width: int) -> int:
@@ -108,12 +115,8 @@ class Cut:
         self, pixels: Float64[np.ndarray, "m 2"]
     ) -> tuple[Float64[np.ndarray, "m 2"], Bool[np.ndarray, " m"]]:
         """Positions of the view's pixels in the continued panorama."""
-        half = self.target.width / 2
-        rays = np.concatenate([pixels / half - 1, np.ones((len(pixels), 1))], axis=1)
-        x, y, z = (rays @ self.direction.from_panorama).T
-        across = np.arctan2(x, z) / (2 * math.pi) + 0.5
-        down = np.arctan2(y, np.hypot(x, z)) / math.pi + 0.5
-        places = np.stack([across * self.size.width, down * self.size.height], axis=1)
+        places = _places(pixels, self.target.width, self.direction)
+        places *= (self.size.width, self.size.height)
         return places + EDGE, np.ones(len(pixels), dtype=bool)
 
 
@@ -143,6 +146,39 @@ def cut(
     view = Cut(size, direction)
     side = view.target.width
     return fit_image(whole, None, side, side, Warp(view, maps)).pixels
+
+
+def cut_mask(
+    mask: Bool[np.ndarray, "h w"], side: int, direction: Direction
+) -> Bool[np.ndarray, "s s"]:
+    """The mask of one view, by the nearest pixel of that of the panorama.
+
+    Args:
+        mask: of all directions, at any size.
+        side: width and height of the view in pixels.
+        direction: of the view.
+    """
+    height, width = mask.shape
+    view = np.empty((side, side), dtype=bool)
+    for top in range(0, side, ROWS):
+        y, x = np.mgrid[top : min(top + ROWS, side), :side].reshape(2, -1) + 0.5
+        across, down = _places(np.stack([x, y], axis=1), side, direction).T
+        columns = (across * width).astype(np.int64) % width
+        rows = (down * height).astype(np.int64).clip(0, height - 1)
+        view[top : top + ROWS] = mask[rows, columns].reshape(-1, side)
+    return view
+
+
+def _places(
+    pixels: Float64[np.ndarray, "m 2"], side: int, direction: Direction
+) -> Float64[np.ndarray, "m 2"]:
+    """Positions of a view's pixels in the panorama, in parts of its width and height."""
+    half = side / 2
+    rays = np.concatenate([pixels / half - 1, np.ones((len(pixels), 1))], axis=1)
+    x, y, z = (rays @ direction.from_panorama).T
+    across = np.arctan2(x, z) / (2 * math.pi) + 0.5
+    down = np.arctan2(y, np.hypot(x, z)) / math.pi + 0.5
+    return np.stack([across, down], axis=1)
 
 
 def map_bytes(width: int, views: int) -> int:

@@ -75,7 +75,9 @@ class Preparation:
         return Prepared(diagnosis, written, self._choices.by_stage, self._journal.seconds)
 
     def _images(self) -> ImageSet:
-        source = read_source(self._inputs, self._place.path, self._place.photos)
+        masks = self._rule.panoramas.masks.path
+        apart = [self._place.path] if masks is None else [self._place.path, masks]
+        source = read_source(self._inputs, apart, self._place.photos)
         for note in source.notes:
             self._say(f"note: {note}")
         images = source.images

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
@@ -20,7 +20,7 @@ from gsfw.preparation.choices import Choices
 from gsfw.preparation.diagnosis.unregistered import FEW as FEW_FEATURES
 from gsfw.preparation.diagnosis.usual import blurred_beside
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
-from gsfw.preparation.image_set import ImageSet
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.journal import Document, Journal, identity_of
 from gsfw.preparation.preparation_rule import PreparationRule
 from gsfw.preparation.simpler_lenses import (
@@ -204,7 +204,7 @@ class Registration:
         found = self._journal.stage(
             self._named("features"),
             {
-                "images": [[one.name, *identity_of(one.path)] for one in images.images],
+                "images": [_identity(one) for one in images.images],
                 "groups": [_stated(asdict(group)) for group in groups],
                 "size": settings.max_size,
                 "count": settings.count,
@@ -316,6 +316,12 @@ class Registration:
         name = self._named("bridges", attempt)
         is_there = partial(_are_there, folder)
         return Mapping.of(self._journal.stage(name, {}, bridge, is_there=is_there), folder)
+
+
+def _identity(image: SourceImage) -> list[Any]:
+    """Name and content of an image, and of its mask where it has one, as plain data."""
+    mask = [] if image.mask is None else identity_of(image.mask)
+    return [image.name, *identity_of(image.path), *mask]
 
 
 def _stated(settings: Document) -> Document:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Bool, Float32, UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.area import shrink
-from gsfw.datamanagers.images import Header, decode
+from gsfw.datamanagers.area import shrink, shrink_mask
+from gsfw.datamanagers.images import Header, decode, load_mask
 from gsfw.preparation.blur import direction_of_blur
 from gsfw.preparation.cancellation import end_with_parent
 from gsfw.preparation.image_quality import ImageQuality
@@ -46,6 +46,8 @@ class ImageTask:
     enough: int
     """Features from which on the finest, those of the image at twice its size, are not looked
     for."""
+    mask: Path | None = None
+    """Bright where pixels count: there are no features elsewhere; ``None`` where all do."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ def find_features(task: ImageTask) -> ImageFeatures:
     """Decode an image, measure it, and find its features."""
     try:
         pixels = decode(task.path, task.header)
+        inside = None if task.mask is None else load_mask(task.mask, task.path, task.header)
     except DataError as error:
         return _undecoded(task, error.message)
     expected = (task.header.height, task.header.width)
@@ -87,13 +90,16 @@ def find_features(task: ImageTask) -> ImageFeatures:
         return _undecoded(task, f"{task.path}: the image was replaced while it was prepared.")
     shown, counts = _over_grey(_shrunk(pixels, task.measured))
     grey = shown @ LUMA
-    (keypoints, descriptors), enlarged = _sift(_shrunk(pixels, task.size), task)
+    if inside is not None:
+        counts = counts & shrink_mask(inside, *counts.shape[::-1])
+        inside = shrink_mask(inside, *_small(task))
+    (keypoints, descriptors), enlarged = _sift(_shrunk(pixels, task.size), inside, task)
     across, down = (side / small for side, small in zip(expected[::-1], _small(task), strict=True))
     # Centres are at +0.5, so that positions and shapes scale about the image's corner.
     keypoints *= np.array([across, down, across, across, down, down], np.float32)
     return ImageFeatures(
         task.name,
-        ImageQuality.of(shown, counts if task.header.has_alpha else None),
+        ImageQuality.of(shown, None if counts.all() else counts),
         direction_of_blur(grey),
         keypoints,
         descriptors,
@@ -102,14 +108,14 @@ def find_features(task: ImageTask) -> ImageFeatures:
 
 
 def _sift(
-    pixels: UInt8[np.ndarray, "h w d"], task: ImageTask
+    pixels: UInt8[np.ndarray, "h w d"], inside: Bool[np.ndarray, "h w"] | None, task: ImageTask
 ) -> tuple[tuple[Float32[np.ndarray, "n 6"], UInt8[np.ndarray, "n 128"]], bool]:
     """Features, and whether the image was enlarged for them."""
     if task.enough <= task.count:
-        found = sift(pixels, task.count, enlarged=False)
+        found = sift(pixels, task.count, enlarged=False, inside=inside)
         if len(found[0]) >= task.enough:
             return found, False
-    return sift(pixels, task.count), True
+    return sift(pixels, task.count, inside=inside), True
 
 
 def _undecoded(task: ImageTask, failure: str) -> ImageFeatures:
@@ -144,7 +150,10 @@ def _over_grey(
 
 
 def sift(
-    pixels: UInt8[np.ndarray, "h w d"], count: int, enlarged: bool = True
+    pixels: UInt8[np.ndarray, "h w d"],
+    count: int,
+    enlarged: bool = True,
+    inside: Bool[np.ndarray, "h w"] | None = None,
 ) -> tuple[Float32[np.ndarray, "n 6"], UInt8[np.ndarray, "n 128"]]:
     """Features of an image at the size that it has.
 
@@ -153,6 +162,7 @@ def sift(
         count: of features at most, those of the largest scale.
         enlarged: look for the finest features in the image at twice its size (Lowe 2004, section
             3.3), which takes four times as long.
+        inside: features elsewhere are left out; ``None`` for all of the image.
 
     Returns:
         Keypoints (x, y in pixels, and the affine shape by rows) and descriptors.
@@ -165,7 +175,7 @@ def sift(
     descriptors = np.asarray(described.data, np.uint8).reshape(-1, 128)
     last = np.array(grey.shape[::-1]) - 1
     column, row = keypoints[:, :2].astype(int).clip(0, last).T
-    kept = counts[row, column]
+    kept = (counts if inside is None else counts & inside)[row, column]
     keypoints, descriptors = keypoints[kept], descriptors[kept]
     # COLMAP stops between levels of scale, and counts several orientations of a place as one.
     areas = np.abs(keypoints[:, 2] * keypoints[:, 5] - keypoints[:, 3] * keypoints[:, 4])

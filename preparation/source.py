@@ -53,20 +53,20 @@ class Source:
 
 
 def read_source(
-    paths: Sequence[Path], out: Path | None = None, converted: Path | None = None
+    paths: Sequence[Path], apart: Sequence[Path] = (), converted: Path | None = None
 ) -> Source:
     """Find what can be used among the inputs, by the headers of files.
 
     Args:
         paths: folders, which are searched through, images, and videos.
-        out: where results go; not looked at, should it lie in one of the folders.
+        apart: results and masks; not looked at, should they lie in one of the folders.
         converted: folder for JPEG files of HEIC photos; ``None`` leaves those out.
 
     Raises:
         DataError: a path is not there or cannot be read, or nothing can be used.
         OutputError: a converted photo cannot be written.
     """
-    inputs = InputFiles.find(paths, out)
+    inputs = InputFiles.find(paths, apart)
     photos = Converted(tuple(inputs.files))
     if converted is not None:
         photos = with_jpeg(inputs.files, converted)

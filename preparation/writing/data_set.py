@@ -15,7 +15,8 @@ from jaxtyping import Float64, UInt8
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
-from gsfw.datamanagers.images import decode
+from gsfw.core.words import counted
+from gsfw.datamanagers.images import decode, fit_mask, load_mask
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE
 from gsfw.datamanagers.warp import MapCache
@@ -64,6 +65,11 @@ class _Task:
 
     @property
     def has_mask(self) -> bool:
+        """True if some pixels of the written image do not count."""
+        return self.has_blanks or self.image.mask is not None
+
+    @property
+    def has_blanks(self) -> bool:
         """True if the lens did not see all of the written image."""
         undistortion = self.change.plan.undistortion
         return undistortion is not None and undistortion.has_blanks
@@ -93,7 +99,7 @@ def write_data_set(
     Args:
         model: estimated cameras and points; only registered images are written.
         images: holds every image of the model, by name.
-        out: the folder of images/, masks/ (where a lens did not see a whole image) and cameras.
+        out: the folder of images/, masks/ (where some pixels do not count) and cameras.
         rule: what becomes of lenses and files.
         jobs: how many images are worked on at a time, where memory allows it.
         layout: ``COLMAP`` or ``TRANSFORMS``.
@@ -195,7 +201,9 @@ def _make(task: _Task, maps: MapCache, quality: int) -> _Made:
     """Decode an image once: for the colours of its points, and for what is written of it."""
     pixels = decode(task.image.path, task.image.header)
     warp = task.change.warp(maps)
-    mask = None if warp is None else warp.mask(None)
+    source, target = task.image, task.change.plan.target
+    inside = None if source.mask is None else load_mask(source.mask, source.path, source.header)
+    mask = fit_mask(inside, target.width, target.height, warp)
     return _Made(
         task.change.content(lambda: pixels, warp, quality),
         None if mask is None else encoded_mask(mask),
@@ -269,8 +277,11 @@ def _notes(model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task])
     turned = sum(_is_turned(task.change) for task in tasks)
     if turned:
         yield f"images that only an EXIF tag turned are stored upright: {turned}"
-    if any(task.has_mask for task in tasks):
+    if any(task.has_blanks for task in tasks):
         yield f"{MASKS}/ marks what lenses did not see"
+    masked = sum(task.image.mask is not None for task in tasks)
+    if masked:
+        yield f"{MASKS}/ has the masks of {counted(masked, 'view')} of panoramas"
     lost = model.num_points3D() - moved.num_points3D()
     if lost:
         yield f"{lost} points, which fewer than two undistorted images show, are left out"

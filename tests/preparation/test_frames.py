@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.small_videos import write_video
+from support.spherical_videos import CUBE, QUARTER, TOP_BOTTOM, WHOLE, state_in_entry, state_in_xmp
 
 from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.video import Video
@@ -14,6 +15,7 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.journal import Journal
+from gsfw.preparation.panorama import Kind, kind_of_video
 from gsfw.preparation.video_frames import choose_frames
 from gsfw.preparation.workspace import Workspace
 
@@ -80,3 +82,30 @@ def test_what_is_odd_about_a_video_is_told(tmp_path):
     interlaced, oblong, *_ = choose_frames(replace(video, traits=traits), 3).notes
     assert interlaced.startswith("the video is interlaced: the rows of an image show two times, ")
     assert oblong.startswith("its pixels are not square (4/3 as wide as high), and cameras are ")
+
+
+@pytest.mark.parametrize(
+    ("boxes", "kind"),
+    [
+        (b"", None),
+        (WHOLE, Kind.PANORAMA),
+        (QUARTER, Kind.PART),
+        (TOP_BOTTOM + WHOLE, Kind.STEREO),
+        (CUBE, Kind.CUBE),
+    ],
+    ids=["nothing", "whole", "quarter", "stereo", "cube"],
+)
+def test_frames_have_the_kind_that_the_metadata_of_their_video_tell(tmp_path, boxes, kind):
+    path = tmp_path / "walk.mp4"
+    write_video(path, 4, 64, 32, index_first=False)
+    state_in_entry(path, boxes)
+    assert kind_of_video(Video.read(path).traits) is kind
+
+
+def test_frames_of_a_video_with_xmp_data_are_panoramas(tmp_path):
+    path = tmp_path / "walk.mp4"
+    write_video(path, 4, 64, 32, index_first=False)
+    state_in_xmp(path)
+    place = Workspace(tmp_path / "out")
+    frames = frames_of_videos([path], 3, [], place, Journal(place.journal), lambda text: None)
+    assert {frame.said for frame in frames} == {Kind.PANORAMA}

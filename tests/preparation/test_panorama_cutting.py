@@ -1,10 +1,12 @@
 """Cutting of panoramas: which images are cut, into what, and what is told of the others."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from support.cut_panoramas import cut, images, photos
 from support.panorama import colored, view
 from support.panorama_room import FULL_XMP, sphere
 
@@ -12,46 +14,13 @@ from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.images import read_header
 from gsfw.preparation import disk, panorama_cutting
-from gsfw.preparation.choices import Choices
-from gsfw.preparation.exif import Exif
-from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.panorama import Kind, Look
-from gsfw.preparation.panorama_cutting import PanoramaRule, cut_panoramas
 from gsfw.preparation.panorama_views import view_side
 
 
 def write(path: Path, width: int = 512, height: int = 256, xmp: bytes = b"", shift: int = 0):
     pixels = np.roll(sphere(), shift, axis=1)
     Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX).save(path, xmp=xmp)
-
-
-def images(folder: Path, video: str = "") -> ImageSet:
-    files = sorted(folder.iterdir())
-    return ImageSet(
-        tuple(
-            SourceImage(
-                file.name,
-                file,
-                read_header(file),
-                Exif(),
-                video,
-                float(number) if video else None,
-            )
-            for number, file in enumerate(files)
-        )
-    )
-
-
-def photos(tmp_path: Path) -> Path:
-    folder = tmp_path / "photos"
-    folder.mkdir()
-    return folder
-
-
-def cut(given: ImageSet, tmp_path: Path, **choices) -> tuple[ImageSet, list[str]]:
-    said: list[str] = []
-    rule = PanoramaRule(**choices)
-    return cut_panoramas(given, rule, tmp_path / "views", Choices(said.append)), said
 
 
 def test_a_panorama_becomes_views_in_its_place(tmp_path):
@@ -273,3 +242,17 @@ def test_names_of_views_do_not_hide_photos(tmp_path):
         *("b_000.jpg", "b_060_2.jpg", "b_120.jpg", "b_180.jpg", "b_240.jpg", "b_300.jpg"),
         "b_060.jpg",
     ]
+
+
+def test_frames_of_a_video_whose_metadata_tell_it_are_cut_whatever_they_show(tmp_path):
+    folder = photos(tmp_path)
+    for number in range(2):
+        Image.new("RGB", (512, 256), (90, 120, 30 * number)).save(folder / f"{number}.jpg")
+    given = images(folder, video="walk")
+    assert cut(given, tmp_path)[0] == given
+    told = replace(given, images=tuple(replace(one, said=Kind.PANORAMA) for one in given.images))
+    assert len(cut(told, tmp_path)[0].images) == 12
+    cubes = replace(given, images=tuple(replace(one, said=Kind.CUBE) for one in given.images))
+    with pytest.raises(DataError, match="Its metadata call it a cube map"):
+        cut(cubes, tmp_path)
+    assert cut(cubes, tmp_path, panoramas="false")[0] == cubes

@@ -59,7 +59,7 @@ def test_shrunk_copies_beside_the_images_of_a_data_set_are_not_read(tmp_path):
 def test_results_beside_the_images_of_a_data_set_are_no_photos(tmp_path):
     photos(tmp_path, "images/a.png", "out/images/a.png", "old/images/a.png")
     written(tmp_path / "old" / "prepare.json", b"{}")
-    source = read_source([tmp_path], out=tmp_path / "out")
+    source = read_source([tmp_path], apart=[tmp_path / "out"])
     assert (names(source), source.notes) == (["a.png"], ())
 
 
@@ -112,10 +112,10 @@ def test_what_systems_leave_behind_is_not_looked_at(folder):
 def test_results_and_masks_in_a_folder_are_not_read(folder):
     photos(folder, "out/images/a.png", "old/images/a.png", "masks/a.png")
     written(folder / "old" / "prepare.json", b"{}")
-    source = read_source([folder], out=folder / "out")
+    source = read_source([folder], apart=[folder / "out"])
     assert names(source) == ["a.png", "b.png"]
     assert source.notes == (
-        f"{folder / 'masks'} is not used: by its name, it holds masks",
+        f"{folder / 'masks'}: by its name, it holds masks; panoramas alone use theirs",
         f"{folder / 'old'} is not used: it is a result of gsfw prepare",
     )
 

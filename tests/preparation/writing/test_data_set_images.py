@@ -135,6 +135,25 @@ def test_what_no_lens_saw_is_masked(tmp_path, monkeypatch):
     assert 0.5 < float(batch.valid.float().mean()) < 1
 
 
+@pytest.mark.parametrize("rule", [OutputRule(), KEEP])
+def test_masks_of_images_are_those_of_the_data_set(tmp_path, rule):
+    taken = photos(tmp_path / "photos")
+    inside = np.ones((HEIGHT, WIDTH), bool)
+    inside[HEIGHT // 2 :] = False
+    Image.fromarray(inside).save(tmp_path / "mask.png")
+    first, *others = taken.images
+    taken = ImageSet((replace(first, mask=tmp_path / "mask.png"), *others))
+    found = write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", rule)
+    assert "masks/ has the masks of 1 view of panoramas" in found.notes
+    assert found.masks == 1
+    data = loaded(tmp_path / "out")
+    assert data.views(Split.TRAIN).names[0] == "view_0.png"
+    (batch,) = data.load(Split.TRAIN, [0], CPU)
+    assert batch.valid is not None
+    assert batch.valid[:, : batch.valid.shape[1] // 3].all()
+    assert not batch.valid[:, -batch.valid.shape[1] // 3 :].any()
+
+
 def test_the_quality_is_that_of_rewritten_jpegs(tmp_path):
     names = [f"view_{view}.jpg" for view in range(VIEWS)]
     taken, estimated = photos(tmp_path / "photos", names), estimate(lens("OPENCV"), names)

@@ -1,0 +1,146 @@
+"""Panorama masks: the parts of panoramas that count, cut into views as the panoramas are.
+
+The camera's operator is at the same place in all panoramas of a walk, so that one mask serves all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from gsfw.core.config import AUTO
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.progress import tracked
+from gsfw.datamanagers.images import decode_mask
+from gsfw.datamanagers.mask_folder import MaskFolder
+from gsfw.datamanagers.masks import FOLDER, NONE
+from gsfw.preparation.image_set import SourceImage
+from gsfw.preparation.input_files import IMAGE_FOLDERS
+from gsfw.preparation.journal import identity_of
+from gsfw.preparation.panorama_views import DIRECTIONS, cut_mask, has_proportions, view_side
+from gsfw.preparation.writing.image_output import encoded_mask
+
+SETTING = "panorama_masks"
+VERSION = 1
+"""Number of the way of cutting; files of another are not used again."""
+
+
+@dataclass(frozen=True)
+class PanoramaMasks:
+    """The masks of panoramas, bright where pixels count."""
+
+    source: str = AUTO
+    """auto (``masks`` beside the panoramas), none, a folder with a mask for each, or one image for
+    all."""
+
+    @property
+    def path(self) -> Path | None:
+        """The folder or image that the user named; ``None`` where there is none."""
+        return None if self.source in (AUTO, NONE) else Path(self.source)
+
+    def find(self, panoramas: Sequence[SourceImage]) -> dict[str, Path]:
+        """The masks by the names of their panoramas.
+
+        Raises:
+            ConfigError: the user named masks, and there is no panorama.
+            DataError: what the user named is missing, or contains no mask of a panorama.
+        """
+        if self.source == NONE:
+            return {}
+        if self.path is None:
+            found = {one.name: _beside(one) for one in panoramas if one.time is None}
+            return {name: mask for name, mask in found.items() if mask is not None}
+        return self._named(self.path, panoramas)
+
+    def _named(self, path: Path, panoramas: Sequence[SourceImage]) -> dict[str, Path]:
+        if not path.exists():
+            raise DataError(
+                f"{SETTING}={path}: there is no such file or folder.",
+                "Give one image for all panoramas, or a folder with a mask for each.",
+            )
+        if not panoramas:
+            raise ConfigError(
+                f"{SETTING}={path}: no image is cut as a panorama.",
+                "Leave it out, or cut all images that are twice as wide as high (panoramas=true).",
+            )
+        if not path.is_dir():
+            return {one.name: path for one in panoramas}
+        folder = MaskFolder(path)
+        found = {one.name: folder.find(_short_names(one.name)) for one in panoramas}
+        masks = {name: mask for name, mask in found.items() if mask is not None}
+        if not masks:
+            name = PurePosixPath(panoramas[0].name).name
+            raise DataError(
+                f"{SETTING}={path}: the folder contains no mask of any panorama (looked for "
+                f"{name}.png or {PurePosixPath(name).stem}.png, in any image format).",
+                "Name masks as their panoramas, or give one image for all of them.",
+            )
+        return masks
+
+
+def _short_names(name: str) -> list[Path]:
+    """The name with and without the folders in front."""
+    parts = PurePosixPath(name).parts
+    return [Path(*parts[first:]) for first in range(len(parts))]
+
+
+def _beside(panorama: SourceImage) -> Path | None:
+    """The mask in a folder of masks beside a photo, or beside a folder that it is in."""
+    for folder in panorama.path.parents[: len(PurePosixPath(panorama.name).parts)]:
+        name = panorama.path.relative_to(folder)
+        places = [folder, folder.parent] if folder.name in IMAGE_FOLDERS else [folder]
+        for place in places:
+            found = MaskFolder(place / FOLDER).find([name])
+            if found is not None:
+                return found
+    return None
+
+
+def cut_masks(
+    panoramas: Sequence[SourceImage], masks: dict[str, Path], count: int, folder: Path
+) -> dict[str, list[Path]]:
+    """The masks of views by the names of their panoramas; those that were cut before are kept.
+
+    Args:
+        panoramas: all of them.
+        masks: by name, of those that have one; panoramas of one size may share a mask.
+        count: number of views of a panorama.
+        folder: for the files.
+
+    Raises:
+        DataError: a mask does not decode, or has not the proportions of a panorama.
+        OutputError: a file cannot be written.
+    """
+    masked = [one for one in panoramas if one.name in masks]
+    files = {one.name: _files(one, masks[one.name], count, folder) for one in masked}
+    missing = {
+        files[one.name][0]: one for one in masked if not all(map(Path.is_file, files[one.name]))
+    }
+    for one in tracked(list(missing.values()), "cutting masks", len(missing)):
+        for file, content in zip(files[one.name], _cut(one, masks[one.name]), strict=False):
+            write_atomically(file, content)
+    return files
+
+
+def _files(panorama: SourceImage, mask: Path, count: int, folder: Path) -> list[Path]:
+    header = panorama.header
+    identity = repr([VERSION, *identity_of(mask), header.width, header.height]).encode()
+    key = hashlib.blake2b(identity, digest_size=12).hexdigest()
+    return [folder / f"{key}_{one.name}_mask.png" for one in DIRECTIONS[:count]]
+
+
+def _cut(panorama: SourceImage, mask: Path) -> Iterator[bytes]:
+    """The masks of all views as PNG, in the order of the directions."""
+    inside = decode_mask(mask)
+    height, width = inside.shape
+    if not has_proportions(width, height):
+        raise DataError(
+            f"{mask}: the mask is {width}x{height} pixels, and its panorama {panorama.path} is "
+            f"{panorama.header.width}x{panorama.header.height}.",
+            "A mask needs the proportions of its panorama, 2:1; its size may be smaller.",
+        )
+    for direction in DIRECTIONS:
+        yield encoded_mask(cut_mask(inside, view_side(panorama.header.width), direction))
