@@ -13,7 +13,7 @@ VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 """Extensions of video files."""
 HEIC_EXTENSIONS = (".heic", ".heif", ".hif")
 """Extensions of photos that only ``gsfw prepare`` reads."""
-PHOTOS = (*EXTENSIONS, *HEIC_EXTENSIONS)
+PHOTOS = (*EXTENSIONS, *HEIC_EXTENSIONS, ".avif")
 """Extensions of all photos."""
 
 

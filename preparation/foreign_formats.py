@@ -28,7 +28,11 @@ HEIC = ForeignFormat(
     "95 IN.HEIC OUT.jpg for each (in Debian's libheif-examples). Windows: open and save them in "
     "Photos. An iPhone takes JPEG with Settings > Camera > Formats > Most Compatible.",
 )
-AVIF = ForeignFormat("AVIF", "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.")
+AVIF = ForeignFormat(
+    "AVIF",
+    "Install Pillow 11.3 or newer, which decodes them, and the same command uses them: pip install "
+    "-U pillow. Or convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.",
+)
 RAW = ForeignFormat(
     "camera RAW",
     "Develop all of them with the same settings, and uncropped, to JPEG, PNG or TIFF: with the "

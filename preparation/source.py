@@ -17,8 +17,7 @@ from gsfw.datamanagers.video import is_video
 from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.finding import remedies
-from gsfw.preparation.foreign_formats import BRANDS, BY_EXTENSION, HEIC, MISNAMED_VIDEO, RAW
-from gsfw.preparation.heic import Converted, with_jpeg
+from gsfw.preparation.foreign_formats import AVIF, BRANDS, BY_EXTENSION, HEIC, MISNAMED_VIDEO, RAW
 from gsfw.preparation.image_file import (
     KNOWN,
     ImageFile,
@@ -30,6 +29,7 @@ from gsfw.preparation.image_file import (
 )
 from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage
 from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
+from gsfw.preparation.photo_conversion import Converted, with_jpeg
 
 LIVE_CLIP = ".mov"
 """iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
@@ -60,7 +60,7 @@ def read_source(
     Args:
         paths: folders, which are searched through, images, and videos.
         apart: results and masks; not looked at, should they lie in one of the folders.
-        converted: folder for JPEG files of HEIC photos; ``None`` leaves those out.
+        converted: folder for JPEG files of HEIC and AVIF photos; ``None`` leaves those out.
 
     Raises:
         DataError: a path is not there or cannot be read, or nothing can be used.
@@ -143,9 +143,9 @@ def _folder(name: str) -> str:
 
 
 def _without_shots_in_use(left_out: Sequence[LeftOut], used: Sequence[InputFile]) -> list[LeftOut]:
-    """Cameras write RAW or HEIC files beside JPEG ones: then nothing needs to be converted."""
+    """Leave out the advice for RAW, HEIC and AVIF files that have a JPEG file of the same shot."""
     shots = {shot(file.name): file.name for file in used}
-    foreign = (RAW.reason, HEIC.reason)
+    foreign = (RAW.reason, HEIC.reason, AVIF.reason)
     return [
         replace(item, reason=f"{item.reason}; {shots[shot(item.name)]} is used", advice="")
         if item.reason in foreign and shot(item.name) in shots

@@ -63,7 +63,7 @@ class Workspace:
 
     @property
     def photos(self) -> Path:
-        """JPEG files of HEIC photos."""
+        """JPEG files of HEIC and AVIF photos."""
         return self.work / "photos"
 
     @property

@@ -17,8 +17,8 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.coded_colors import PQ, coded_to_srgb
 from gsfw.datamanagers.color_profile import in_srgb
 from gsfw.datamanagers.images import decode
-from gsfw.preparation import heic
-from gsfw.preparation.heic import _jpeg
+from gsfw.preparation import photo_conversion
+from gsfw.preparation.photo_conversion import _jpeg_of_heic
 from gsfw.preparation.source import read_source
 
 pytest.importorskip("pi_heif", reason="pi-heif, which decodes HEIC, is not installed")
@@ -66,7 +66,7 @@ def test_a_heic_photo_is_upright_and_has_its_name_and_exif_data(tmp_path):
 def test_colors_of_a_profile_become_srgb(tmp_path):
     profile = color_profiles.profile(color_profiles.DISPLAY_P3)
     path = write_heic(tmp_path / "a.heic", pixels(), profile=profile)
-    shown = opened(_jpeg(path))
+    shown = opened(_jpeg_of_heic(path))
     expected = np.asarray(in_srgb(Image.fromarray(pixels()), "RGB", profile)).astype(int)
     assert np.abs(expected - pixels()).max() > 2 * CODING
     for column in (10, 50):
@@ -76,7 +76,7 @@ def test_colors_of_a_profile_become_srgb(tmp_path):
 def test_photos_of_a_coded_colors_become_srgb(tmp_path):
     image = np.full((48, 64, 3), (130, 100, 110), np.uint8)
     for transfer in (PQ, 13):  # 13: the curve of sRGB, with primaries of BT.2020.
-        shown = opened(_jpeg(write_heic(tmp_path / "a.hif", image, transfer=transfer)))
+        shown = opened(_jpeg_of_heic(write_heic(tmp_path / "a.hif", image, transfer=transfer)))
         expected = coded_to_srgb(image.astype(np.uint16) * 257, transfer, 9).astype(int)
         assert np.abs(shown - expected).max() <= CODING
 
@@ -99,7 +99,7 @@ def test_a_second_preparation_keeps_the_converted_photos(tmp_path):
     assert after.path.stat().st_mtime_ns == changed
 
 
-def test_a_shot_that_the_camera_also_wrote_as_jpeg_is_not_converted(tmp_path):
+def test_a_shot_that_the_camera_also_wrote_as_jpeg_of_heic_is_not_converted(tmp_path):
     folder = tmp_path / "photos"
     photo(folder / "a.jpg")
     write_heic(folder / "A.heic", pixels())
@@ -127,9 +127,9 @@ def test_several_photos_keep_their_order_whichever_is_decoded_first(tmp_path, mo
     for number, name in enumerate("abcd", 1):
         write_heic(folder / f"{name}.heic", pixels() // number)
     (folder / "b.heic").write_bytes((folder / "b.heic").read_bytes()[:-60])
-    monkeypatch.setattr("gsfw.preparation.heic.cores", lambda: 2)
+    monkeypatch.setattr("gsfw.preparation.photo_conversion.cores", lambda: 2)
     other_is_done = Event()
-    decode_one = heic._jpeg
+    decode_one = photo_conversion._jpeg_of_heic
 
     def slow_first(path):
         if path.name == "a.heic":
@@ -139,7 +139,7 @@ def test_several_photos_keep_their_order_whichever_is_decoded_first(tmp_path, mo
             other_is_done.set()
         return found
 
-    monkeypatch.setattr(heic, "_jpeg", slow_first)
+    monkeypatch.setattr(photo_conversion, "_jpeg_of_heic", slow_first)
     found = source(folder)
     assert names(found) == ["a.jpg", "c.jpg", "d.jpg"]
     assert only_left_out(found).name == "b.heic"

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 from support.source_photos import HEIC_ADVICE, names, only_left_out, photo, written
 
+from gsfw.preparation.foreign_formats import AVIF
 from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.source import read_source
 
@@ -39,7 +40,7 @@ CUT_OFF = "the image is cut off or damaged: its header is not whole"
             "x.avif",
             b"\0\0\0\x18ftypavif1234",
             "AVIF files are not read",
-            "Convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.",
+            AVIF.advice,
         ),
         ("x.CR2", b"II*\0raw", "camera RAW files are not read", RAW_ADVICE),
         (
