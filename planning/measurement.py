@@ -8,9 +8,11 @@ from pathlib import Path
 
 from gsfw.core.cores import cores
 from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.errors import ConfigError
 from gsfw.core.loop.machine_clock import MachineClock
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.progress import stage
+from gsfw.planning.asked import Asked
 from gsfw.planning.speed import Speed
 from gsfw.planning.trial import seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
@@ -23,6 +25,10 @@ from gsfw.plugins.start import find_surface
 TRIAL_PIXELS = 500_000
 """Pixels of the images of a first look at most: larger ones take seconds a step, and a plan for a
 short time has no use for them."""
+MOST_SHARE = 0.25
+"""Part of the time of a run after which a look ends with its next step, however slow they are."""
+ENOUGH = 4
+"""Times as long as what comes before the first step is proposed for a run that was too short."""
 DECODERS = 4
 """Images that are decoded at the same time, at most."""
 MATURITY = 1.15
@@ -42,16 +48,30 @@ class Measurement:
     surface: FoundSurface | None = None
     """Points by stereo; ``None`` as long as no run starts from them."""
 
-    def run(self, settings: Settings, seconds: float) -> Speed:
-        """The speed of a run with the image size of ``data``, from so many seconds of steps."""
+    def run(self, settings: Settings, seconds: float, asked: Asked, is_asked: bool) -> Speed:
+        """The speed of a run with the image size of ``data``.
+
+        Args:
+            settings: of the run.
+            seconds: of the steps that are measured; fewer steps if these take ``MOST_SHARE`` of
+                the time of the run.
+            asked: the time of the run.
+            is_asked: whether the user gave that time.
+
+        Raises:
+            ConfigError: the time that the user gave has passed before any step.
+        """
         self.surface = find_surface(settings, self.registry, self.data, self.surface)
         began, work = self.clock.seconds(), self.clock.work()
         composition = self.composed(settings)
         remaining = RemainingTime(composition.info(Path()))
         built = self.clock.seconds() - began
+        limit = 60 * asked.minutes
+        if is_asked and self.clock.seconds() > limit:
+            raise _too_short(asked, self.clock.seconds())
         with stage("measuring how long steps take here"):
             load = seconds_to_load(composition) / min(DECODERS, cores())
-            trial = try_steps(composition, seconds)
+            trial = try_steps(composition, seconds, MOST_SHARE * limit)
         held_out, training = (len(self.data.views(split)) for split in (Split.EVAL, Split.TRAIN))
         return Speed(
             downscale=settings.config.downscale,
@@ -76,6 +96,15 @@ class Measurement:
         """Open the data again, at the image size of the settings."""
         self.data.close()
         self.data = open_data(settings)
+
+
+def _too_short(asked: Asked, passed: float) -> ConfigError:
+    """The error about a time that has passed before any step."""
+    return ConfigError(
+        f"minutes={asked.minutes:g}: that is {60 * asked.minutes:.0f} s, and reading the data and "
+        f"building the model have taken {passed:.0f} s on this machine.",
+        f"Give minutes={math.ceil(ENOUGH * passed / 6) / 10:g} or more.",
+    )
 
 
 def glanced(settings: Settings, data: DataManager) -> Settings:

@@ -95,11 +95,12 @@ def make_plan(
     views = measurement.data.views(Split.TRAIN)
     held_back = _held_back(asked, views, settings) if asked.until else {}
     is_free = "downscale" not in settings.given
-    if is_free and (smaller := glanced(first, measurement.data)) is not first:
+    if (smaller := glanced(first, measurement.data)) is not first:
         first = smaller
         measurement.resize(first)
-    speed = measurement.run(first, FIRST_LOOK)
-    size = _image_size(asked, speed, measurement.data) if is_free else speed.downscale
+    speed = measurement.run(first, FIRST_LOOK, asked, is_asked)
+    given = settings.config.downscale
+    size = _image_size(asked, speed, measurement.data) if is_free else given
     asked = _possible(asked, speed, size, is_free, is_asked)
     decided = _decisions(settings, scene, speed, asked, size)
     settings_of = partial(_planned, registry, layers, asked)
@@ -108,7 +109,7 @@ def make_plan(
         measurement.resize(planned)
     seconds = max(TRIAL_SHARE * 60 * asked.minutes, SHORTEST_TRIAL)
     with _fitting(asked, planned):
-        speed = measurement.run(planned, min(seconds, LONGEST_TRIAL))
+        speed = measurement.run(planned, min(seconds, LONGEST_TRIAL), asked, is_asked)
     asked = _possible(asked, speed, size, is_free, is_asked)
     decided = _decisions(settings, scene, speed, asked, size) | held_back
     return _made(asked, layers, measurement, speed, decided, is_asked)

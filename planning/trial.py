@@ -49,18 +49,19 @@ class Trial:
     """Peak of the allocations on the GPU, in 1e6 bytes; ``None`` on the CPU."""
 
 
-def try_steps(composition: Composition, seconds: float) -> Trial:
+def try_steps(composition: Composition, seconds: float, most: float = math.inf) -> Trial:
     """Train a few steps at full size, on a few views that are loaded before.
 
     Args:
         composition: of the run.
-        seconds: the trial takes so long, and a few steps at least.
+        seconds: the trial takes so long, and ``STEPS`` steps at least.
+        most: after so many seconds the trial ends with its next step.
     """
     parts, device = composition.parts, composition.parts.device
     views = [parts.sampler.next() for _ in range(VIEWS)]
     for group in views:
         parts.data.load(Split.TRAIN, group, device)
-    clock, folder = _Clock(seconds, device), _NoFolder(Path(os.devnull))
+    clock, folder = _Clock(seconds, most, device), _NoFolder(Path(os.devnull))
     parts = replace(parts, sampler=_Repeating(views))
     trainer = replace(composition, parts=parts).trainer(folder, [clock])
     trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
@@ -99,8 +100,8 @@ def _seconds_to_evaluate(composition: Composition) -> float:
 class _Clock(Callback):
     """Times steps, and ends a trial."""
 
-    def __init__(self, seconds: float, device: torch.device) -> None:
-        self._seconds, self._device = seconds, device
+    def __init__(self, seconds: float, most: float, device: torch.device) -> None:
+        self._seconds, self._most, self._device = seconds, most, device
         self.durations: list[float] = []
         self._began = self._last = 0.0
 
@@ -114,7 +115,8 @@ class _Clock(Callback):
         now = time.perf_counter()
         self.durations.append(now - self._last)
         self._last = now
-        if step >= STEPS and now - self._began > self._seconds:
+        passed = now - self._began
+        if (step >= STEPS and passed > self._seconds) or passed > self._most:
             control.request_stop("measured")
 
     def settled(self) -> float:

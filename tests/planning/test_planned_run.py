@@ -41,6 +41,8 @@ class Machine:
         self.slow_from: float | None = None
         self.tried: list[Composition] = []
         """Runs whose steps were measured, in order."""
+        self.bounds: list[float] = []
+        """Seconds after which each of these measurements was to end with its next step."""
 
     def update(self) -> None:
         """Pass the time of an update; twice as long once the machine is busy."""
@@ -64,8 +66,9 @@ def machine(monkeypatch) -> Machine:
         monkeypatch.setattr(f"gsfw.planning.{module}.ENDING", ENDING)
     usual_trial = trial.try_steps
 
-    def measured(composition, seconds):
+    def measured(composition, seconds, most):
         made.tried.append(composition)
+        made.bounds.append(most)
         before = made.seconds
         found = usual_trial(composition, 0.0)
         made.seconds = before + 1.0
@@ -218,6 +221,27 @@ def test_a_time_that_loading_takes_is_refused_with_one_that_is_enough(machine, t
     assert "minutes=0.05: that is 3 s, and loading, measuring and the work after" in said
     assert "Give minutes=" in said
     assert not (tmp_path / "run").exists()
+
+
+def test_a_time_that_has_passed_is_refused_before_any_step(machine, tmp_path, capsys):
+    machine.seconds = 6.0
+    assert main([*RUN, "minutes=0.05", f"out={tmp_path / 'run'}"]) == 2
+    said = capsys.readouterr().err
+    assert "minutes=0.05: that is 3 s, and reading the data and building the model have" in said
+    assert "have taken 6 s on this machine.\nGive minutes=0.4 or more." in said
+    assert not machine.tried
+
+
+def test_the_first_look_at_large_images_is_one_at_small_ones(
+    machine, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("gsfw.planning.measurement.TRIAL_PIXELS", 300)
+    machine.update_seconds = 5.0
+    assert main([*RUN, "downscale=1", "minutes=1", f"out={tmp_path / 'run'}"]) == 2
+    assert "or smaller images: leave out downscale" in capsys.readouterr().err
+    widths = [run.parts.data.views(Split.TRAIN).cameras[0].width for run in machine.tried]
+    assert widths == [16]
+    assert machine.bounds == [15.0]
 
 
 def test_too_few_views_to_hold_back_are_refused(machine, tmp_path, capsys):

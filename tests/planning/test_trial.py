@@ -1,5 +1,7 @@
 """A trial measures the steps of a run, with the work of a GPU that they start."""
 
+import math
+
 import pytest
 from support.small_scene import SMALL_SCENE
 
@@ -31,7 +33,7 @@ def test_steps_renders_and_images_are_measured_until_the_device_has_finished(mon
 
 
 def test_a_step_is_measured_when_a_run_has_settled(monkeypatch):
-    clock = trial._Clock(0.0, composed().parts.device)
+    clock = trial._Clock(0.0, math.inf, composed().parts.device)
     durations = [9.0, 5.0, 1.0, 2.0, 1.0, 2.0, 1.0]
     moments = iter([0.0, *(sum(durations[: place + 1]) for place in range(len(durations)))])
     monkeypatch.setattr(trial.time, "perf_counter", lambda: next(moments))
@@ -40,3 +42,10 @@ def test_a_step_is_measured_when_a_run_has_settled(monkeypatch):
         clock.on_tick(-1 - step, None)
     assert clock.durations == durations
     assert clock.settled() == 1.5
+
+
+def test_a_trial_of_slow_steps_ends_after_the_first_beyond_its_bound(monkeypatch):
+    waits = []
+    monkeypatch.setattr(trial, "wait_for", lambda device: waits.append(device.type))
+    trial.try_steps(composed(), seconds=1.0, most=0.0)
+    assert len(waits) == 1 + 2
