@@ -97,7 +97,7 @@ class Camera {
     const [fx, fy, cx, cy] = this.lens.pixels;
     const [w, h] = this.lens.size;
     if (this.exact) return { focal: [fx, fy], middle: [cx, cy] };
-    const zoom = coverage(w, h, width, height);
+    const zoom = fitted(w, h, width, height);
     return {
       focal: [fx * zoom, fy * zoom],
       middle: [width / 2 + (cx - w / 2) * zoom, height / 2 + (cy - h / 2) * zoom],
@@ -152,11 +152,7 @@ function upDirection(name) {
   return up;
 }
 
-/**
- * Scale of an image on a canvas: it covers it, unless more than a fifth of its width or height
- * would be cut off.
- */
-function coverage(width, height, canvasWidth, canvasHeight) {
-  const across = canvasWidth / width, down = canvasHeight / height;
-  return Math.min(Math.max(across, down), 1.25 * Math.min(across, down));
+/** Scale at which all of an image is on a canvas; beside it, the canvas shows more of the scene. */
+function fitted(width, height, canvasWidth, canvasHeight) {
+  return Math.min(canvasWidth / width, canvasHeight / height);
 }

@@ -127,7 +127,7 @@ class Page {
     }
     const poster = document.getElementById("poster");
     if (poster?.naturalWidth) {
-      const zoom = coverage(poster.naturalWidth, poster.naturalHeight, ...size);
+      const zoom = fitted(poster.naturalWidth, poster.naturalHeight, ...size);
       poster.style.width = `${poster.naturalWidth * zoom}px`;
       poster.style.height = `${poster.naturalHeight * zoom}px`;
     } else {

@@ -85,6 +85,22 @@ def test_a_moving_scene_looks_as_its_formulas_say_at_every_time(page, tmp_path):
         assert psnr(images[0], images[3]) < 25
 
 
+def test_windows_of_any_shape_show_all_of_a_view(page, tmp_path):
+    views = cameras(1)
+    source = WithPreview(ball(count=300).motion_file(), Preview("ball", views, target=ORIGIN))
+    fx, fy = views.intrinsics[0, 0, 0].item(), views.intrinsics[0, 1, 1].item()
+    cx, cy = views.intrinsics[0, :2, 2].tolist()
+    with watching(page, write(tmp_path, source)):
+        for width, height in ((960, 540), (640, 480), (360, 780)):
+            found = page.evaluate(f"page.scene.camera.projection({width}, {height})")
+            zoom = found["focal"][0] / fx
+            assert found["focal"][1] == pytest.approx(zoom * fy)
+            left, top = found["middle"][0] - zoom * cx, found["middle"][1] - zoom * cy
+            assert min(left, top) == pytest.approx(0, abs=1e-3)
+            assert left + zoom * views.width == pytest.approx(width - left, abs=1e-3)
+            assert top + zoom * views.height == pytest.approx(height - top, abs=1e-3)
+
+
 def test_keys_pointers_and_fingers_move_the_camera(page, tmp_path):
     preview = Preview("ball", cameras(3), target=ORIGIN)
     source = WithPreview(ball(count=300).motion_file(), preview)
