@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 MARGIN, GAP = "  ", "   "
 """Before each line of a table, and between its columns."""
 LEAST_REMARK = 24
-"""Columns of a remark below which it is not wrapped, but left to the terminal."""
+"""Columns of a remark at least; values that leave fewer have theirs below."""
 
 FIRST_METRICS = ("psnr", "kept_psnr", "ssim", "moving_psnr")
 """Metrics at the top of the table; others follow."""
@@ -166,19 +166,24 @@ def next_rows(run: str, verbs: Iterable[str], others: Iterable[str] = ()) -> lis
 def summary_text(title: str, *groups: Sequence[Row]) -> str:
     """Groups of rows as a table, with a blank line before each.
 
-    Names and values are never broken, so that paths and commands can be copied; remarks wrap.
+    Names and values are never broken, so that paths and commands can be copied; remarks wrap, below
+    their values where these are too long.
     """
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDTH_OF_FILES
     names = max(len(row.name) for group in groups for row in group)
-    values = max((len(row.value) for group in groups for row in group if row.remark), default=0)
+    most = columns - len(MARGIN) - names - 2 * len(GAP) - LEAST_REMARK
+    beside = [row.value for group in groups for row in group if row.remark]
+    values = max((len(value) for value in beside if len(value) <= most), default=0)
     lines = [title]
     for group in groups:
         lines.append("")
         for row in group:
-            head = f"{MARGIN}{row.name:{names}}{GAP}{row.value:{values}}{GAP}"
-            room = columns - len(head)
-            text = textwrap.wrap(row.remark, room) if room >= LEAST_REMARK else [row.remark]
-            first, *rest = text or [""]
+            start = f"{MARGIN}{row.name:{names}}{GAP}"
+            head = f"{start}{row.value:{values}}{GAP}"
+            if row.remark and len(row.value) > values:
+                lines.append(f"{start}{row.value}")
+                head = " " * len(start)
+            first, *rest = textwrap.wrap(row.remark, max(columns - len(head), LEAST_REMARK)) or [""]
             lines.append(f"{head}{first}".rstrip())
             lines += [" " * len(head) + line for line in rest]
     return "\n".join(lines)

@@ -94,6 +94,17 @@ def test_remarks_wrap_and_paths_and_commands_do_not(monkeypatch):
     assert lines[3].startswith(" " * len("  folder   30.50 dB   ") + "a a")
 
 
+def test_the_remark_of_a_long_value_wraps_below_it(monkeypatch):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "60")
+    path = "captures/" + "long/" * 6
+    rows = [Row("data", path, "format colmap"), Row("PSNR", "30.50 dB", "a " * 40)]
+    lines = summary_text("done", rows).splitlines()
+    assert lines[2:4] == [f"  data   {path}", "         format colmap"]
+    assert lines[4].startswith("  PSNR   30.50 dB   a a")
+    assert max(map(len, lines)) <= 60
+
+
 def test_only_installed_verbs_are_offered_and_odd_paths_are_quoted():
     rows = next_rows("my run", ("eval", "no-such-verb"), ["tensorboard --logdir x"])
     assert rows == [Row("next", "gsfw eval 'my run'"), Row("", "tensorboard --logdir x")]
