@@ -62,14 +62,16 @@ class Survey:
     @cached_property
     def surface(self) -> Surface | None:
         """``None`` where there are no points and cameras look at no one point."""
+        viewpoints = self.viewpoints
         with stage("measuring points"):
-            return Surface.of(self.scene, self.viewpoints)
+            return Surface.of(self.scene, viewpoints)
 
     @cached_property
     def angles(self) -> Angles | None:
         """``None`` where there is no surface."""
+        surface, viewpoints = self.surface, self.viewpoints
         with stage("measuring angles between cameras"):
-            return None if self.surface is None else Angles.of(self.surface, self.viewpoints)
+            return None if surface is None else Angles.of(surface, viewpoints)
 
     @cached_property
     def files(self) -> Files:
@@ -87,8 +89,9 @@ class Survey:
     @cached_property
     def agreement(self) -> Agreement | None:
         """``None`` where there are too few points in too few images."""
+        surface, viewpoints, sample = self.surface, self.viewpoints, self.sample
         with stage("comparing images"):
-            return Agreement.of(self.surface, self.viewpoints, self.sample)
+            return Agreement.of(surface, viewpoints, sample)
 
     @cached_property
     def track_colors(self) -> TrackColors:
@@ -99,20 +102,23 @@ class Survey:
     @cached_property
     def view_dependence(self) -> ViewDependence | None:
         """``None`` where these are too few."""
+        colors = self.track_colors
         with stage("measuring view dependence"):
-            return ViewDependence.of(self.track_colors)
+            return ViewDependence.of(colors)
 
     @cached_property
     def cross_check(self) -> CrossCheck:
         """Agreement of the sampled images with their cameras, by matches between them."""
+        viewpoints, sample = self.viewpoints, self.sample
         with stage("matching images"):
-            return CrossCheck.of(self._data, self.viewpoints, self.sample)
+            return CrossCheck.of(self._data, viewpoints, sample)
 
     @cached_property
     def lenses(self) -> tuple[LensGroup, ...]:
         """Images that one lens took at one setting."""
+        viewpoints = self.viewpoints
         with stage("comparing lenses"):
-            return lens_groups(self._data, self.viewpoints)
+            return lens_groups(self._data, viewpoints)
 
     @cached_property
     def leftovers(self) -> Leftovers:
@@ -122,5 +128,6 @@ class Survey:
     @cached_property
     def time_order(self) -> TimeOrder | None:
         """``None`` where no camera stands still."""
+        viewpoints = self.viewpoints
         with stage("comparing times"):
-            return TimeOrder.of(self._data, self.viewpoints)
+            return TimeOrder.of(self._data, viewpoints)
