@@ -20,7 +20,6 @@ from gsfw.core.files.mirror import notes_on
 from gsfw.core.loop.area import shrink_batch
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
-from gsfw.core.words import counted
 from gsfw.datamanagers.area import shrink_mask
 from gsfw.datamanagers.color_profile import color_notes
 from gsfw.datamanagers.fitted_map import ImageFit
@@ -208,7 +207,6 @@ class Capture(DataManager):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on the reading, the parts left out, and the held-out images."""
-        train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
         how = self._views[Split.TRAIN].origin
         shown = ((frame.name, frame.header.unconverted) for frame in self._frames)
         undistortions = [frame.undistortion(self._rule) for frame in self._frames]
@@ -219,7 +217,7 @@ class Capture(DataManager):
             *self._mask_notes,
             *(() if self._as_stored else color_notes(shown)),
             *self._maps.notes(),
-            f"{counted(train, 'view')} to train on, {held} held out ({how})",
+            f"held-out views: {how if self._members[Split.EVAL] else f'none ({how})'}",
             *self._held_out.notes,
             *self._videos.notes(),
             *self._loader.notes(),

@@ -144,8 +144,7 @@ class SyntheticData(DataManager):
         config = self._config
         moving = f" at {config.times} times" if config.moving else ""
         return (
-            f"the built-in scene: {config.views} views to train on, {config.eval_views} held out, "
-            f"ray-cast{moving}",
+            f"the built-in scene is ray-cast{moving}",
             *self._loader.notes(),
         )
 

@@ -64,7 +64,7 @@ def test_the_split_of_the_files_is_used_whatever_would_be_held_out(tmp_path):
     assert data.notes() == (
         f"{tmp_path}/transforms_train.json: 3 frames",
         f"{tmp_path}/transforms_test.json: 1 frames",
-        "3 views to train on, 1 held out (the data set's own split)",
+        "held-out views: the data set's own split",
     )
 
 

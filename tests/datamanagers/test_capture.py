@@ -114,7 +114,7 @@ def test_an_image_with_alpha_beside_one_without_counts_as_covered(folder):
 def test_names_may_be_held_out(folder):
     data = build(folder, eval_names=("view_002.png", "view_004.png"), eval_every_nth=8)
     assert data.views(Split.EVAL).names == ("view_002.png", "view_004.png")
-    assert data.notes()[-1] == "4 views to train on, 2 held out (by name)"
+    assert data.notes()[-1] == "held-out views: by name"
 
 
 def test_holding_everything_out_is_refused(folder):

@@ -96,7 +96,7 @@ def test_points_fall_where_they_should(tmp_path):
         f"{tmp_path}/cameras.xml: 4 cameras with a pose",
         "the world is Local Coordinates (m)",
         "there are no points (a PLY file in the data set would be used)",
-        "4 views to train on, 0 held out (as asked for)",
+        "held-out views: none (as asked for)",
     )
 
 

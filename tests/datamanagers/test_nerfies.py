@@ -93,7 +93,7 @@ def test_the_split_times_and_cameras_are_the_data_sets_own(tmp_path):
     assert data.notes() == (
         f"{tmp_path}/dataset.json: 5 frames, images of {tmp_path}/rgb/1x (1/1 of full size)",
         "20 points",
-        "3 views to train on, 2 held out (the data set's own split)",
+        "held-out views: the data set's own split",
     )
 
 

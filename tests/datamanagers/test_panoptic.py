@@ -85,7 +85,7 @@ def test_the_cameras_of_the_test_file_are_held_out(tmp_path):
         "3 times, 30 per second (the default; datamanager.fps=N sets another)",
         f"{tmp_path}/init_pt_cld.npz: 20 points",
         "per-view map segmentation: 1 channel, resampled by nearest",
-        "9 views to train on, 3 held out (the data set's own split, test_meta.json)",
+        "held-out views: the data set's own split, test_meta.json",
     )
 
 

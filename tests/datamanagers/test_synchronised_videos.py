@@ -62,7 +62,7 @@ def test_points_fall_where_they_should(tmp_path):
         f"{tmp_path}/cameras.json: 3 cameras",
         "4 times, 30 per second (the videos')",
         "there are no points (datamanager.points=FILE.ply names them)",
-        "8 views to train on, 4 held out (camera cam00, as papers do)",
+        "held-out views: camera cam00, as papers do",
         data.notes()[-1],
     )
     assert data.notes()[-1].startswith("12 images of 3 videos: decoded once and kept in ")

@@ -204,7 +204,7 @@ def test_the_own_split_of_the_file_is_kept(folder):
     assert data.views(Split.EVAL).names == (names[0],)
     assert data.notes()[-2:] == (
         "1 frames are neither in train_filenames nor in test_filenames: left out",
-        "2 views to train on, 1 held out (the data set's own split)",
+        "held-out views: the data set's own split",
     )
 
 

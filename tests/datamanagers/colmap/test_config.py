@@ -111,7 +111,7 @@ def test_images_that_are_missing_are_listed_and_left_out(tmp_path):
     assert data.notes() == (
         f"{tmp_path}/cameras.bin: 4 images, 20 points",
         "1 of 4 images are not on disk and are left out: view_001.png",
-        "3 views to train on, 0 held out (as asked for)",
+        "held-out views: none (as asked for)",
     )
 
 

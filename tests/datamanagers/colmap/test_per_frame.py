@@ -63,7 +63,7 @@ def test_the_first_camera_is_held_out_at_all_times(tmp_path):
         f"{tmp_path}: 4 cameras",
         "3 times, 30 per second (the default; datamanager.fps=N sets another)",
         "54 points of 3 times",
-        "9 views to train on, 3 held out (camera cam00, as papers do)",
+        "held-out views: camera cam00, as papers do",
     )
     data = build(tmp_path, eval_cameras=("cam02",))
     assert {name[-9:] for name in data.views(Split.EVAL).names} == {"cam02.png"}
