@@ -5,12 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import rmtree
 from typing import BinaryIO
+from uuid import uuid4
 
 from gsfw.core.errors import OutputError
 
@@ -41,6 +41,9 @@ TAKEN = (errno.EWOULDBLOCK, errno.ENOENT, errno.EACCES, errno.EPERM, errno.ELOOP
 """System errors of a partial file that another process writes, or that is another user's."""
 WITHOUT_SYNC = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EBADF)
 """System errors of a disk whose folders cannot be synchronised."""
+MODE = 0o666
+"""Permissions of a new file, from which the system takes those of the umask. A process can only
+read its umask by changing it, also for its other threads."""
 PARTIAL = ".part"
 """End of the name of a file that is being written; the name begins with a dot."""
 
@@ -158,7 +161,6 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-                os.chmod(name, 0o666 & ~_umask())
                 if os.name != "nt":  # The lock is held until the file has its name.
                     os.replace(name, path)
             if os.name == "nt":
@@ -179,7 +181,7 @@ def _partial_file(path: Path) -> tuple[int, str]:
     if sys.platform != "win32":
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         with suppress_errors(*TAKEN, *WITHOUT_LOCKS):
-            handle = os.open(name, flags, 0o600)
+            handle = os.open(name, flags, MODE)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 # Otherwise its writer has just given it its name.
@@ -189,7 +191,10 @@ def _partial_file(path: Path) -> tuple[int, str]:
                 os.close(handle)
                 raise
             os.close(handle)
-    return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    name = f"{path.parent / f'.{path.name}'}.{uuid4().hex}"
+    return os.open(
+        name, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), MODE
+    ), name
 
 
 def _emptied(handle: int, name: str) -> int:
@@ -269,9 +274,3 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     with atomic_file(path) as file:
         file.write(content)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

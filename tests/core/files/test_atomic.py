@@ -120,3 +120,20 @@ def test_each_way_in_which_a_disk_fails_is_a_sentence_with_advice(number, said):
         fail()
     assert caught.value.message.startswith(said)
     assert "another place with out=DIR" in caught.value.advice
+
+
+@posix
+def test_new_files_have_the_permissions_of_the_umask_which_no_thread_sees_changed(
+    tmp_path, monkeypatch
+):
+    before = os.umask(0o027)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "umask", lambda mask: pytest.fail("other threads see it"))
+            with atomic_file(tmp_path / "a") as first, atomic_file(tmp_path / "a") as second:
+                first.write(b"1")
+                second.write(b"2")
+            write_atomically(tmp_path / "b", b"3")
+    finally:
+        os.umask(before)
+    assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o640}
