@@ -46,10 +46,12 @@ WHOLE = 0.3
 """Part of the steps that use whole images. With less, surfaces that no splats show yet take too
 long, and clean captures lose quality (``benchmarks/distractors.py --shares 0``)."""
 KEPT_PSNR = "kept_psnr"
-"""PSNR of a held-out image over the pixels that would be kept of a training image."""
+"""PSNR of a held-out image over the pixels that would be kept of a training image; with trained
+exposures, which held-out images lack, of a render whose colours are fitted to its photo first."""
 PROTOCOL = {
     "distractors": "not sought in psnr and ssim, which count held-out images whole",
-    KEPT_PSNR: "as psnr, of the pixels that ignore_distractors=true would keep of a training image",
+    KEPT_PSNR: "as psnr (with exposure=true as color_corrected_psnr), of the pixels that "
+    "ignore_distractors=true would keep of a training image",
     "training_psnr": "as psnr, of the pixels of some training images that are kept",
 }
 """Definitions of the figures of a run that leaves distractors out."""

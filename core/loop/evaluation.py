@@ -22,7 +22,7 @@ from gsfw.core.loop.distractors import KEPT_PSNR
 from gsfw.core.loop.findings import Finding
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.method import Method
-from gsfw.core.metrics import is_one_color, psnr
+from gsfw.core.metrics import color_corrected, is_one_color, psnr
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
@@ -216,7 +216,10 @@ class _Comparison:
         seen = context.batch, context.rendered, self._background
         if self._parts.leaves_out(self._step):
             kept = self._parts.compared(*seen, self._step, self._split).valid
-            figures[KEPT_PSNR] = psnr(image, target, None if kept is None else kept[0])
+            inside = None if kept is None else kept[0]
+            is_lit = self._parts.corrections.exposures is None
+            lit = image if is_lit else color_corrected(image, target, inside)
+            figures[KEPT_PSNR] = psnr(lit, target, inside)
         if self._is_sought and self._parts.contradicts(*seen, self._split):
             self._contradicted.append(index)
         if self._baselines is not None:

@@ -17,7 +17,7 @@ from gsfw.core.loop.distractors import Distractors, is_contradicted
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule
 from gsfw.core.method import Method
-from gsfw.core.metrics import Metric
+from gsfw.core.metrics import Metric, color_corrected
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
@@ -114,7 +114,7 @@ class TrainingParts:
         """Images for a comparison after ``step`` steps: without distractors (``leaves_out``).
 
         Args:
-            batch: of views at their full size.
+            batch: of views at their full size; one if it is held out.
             rendered: the scene, without exposures.
             background: of both.
             step: number of finished steps.
@@ -152,9 +152,15 @@ class TrainingParts:
     def _exposed(
         self, batch: Batch, rendered: RenderOutput, background: Float[Tensor, " 3"], split: Split
     ) -> RenderOutput:
-        """The scene with the exposures of the images; those of held-out images are unknown."""
+        """The scene with the exposures of the images; those of held-out images are fitted."""
         if split is not Split.TRAIN:
-            return rendered
+            if self.corrections.exposures is None:
+                return rendered
+            target, valid = batch.target(background), batch.valid
+            color = color_corrected(
+                rendered.color[0], target[0], None if valid is None else valid[0]
+            )
+            return replace(rendered, color=color[None])
         return self.corrections.expose(rendered, self.corrections.numbered(batch), background)
 
     @property

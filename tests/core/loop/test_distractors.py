@@ -248,6 +248,27 @@ def test_figures_of_a_run_count_the_pixels_that_are_kept(tmp_path):
     assert min(report.psnr for report in callback.reports[2:]) > whole + 3
 
 
+@pytest.mark.unchecked
+def test_kept_pixels_of_held_out_images_are_compared_with_fitted_colours(tmp_path):
+    run = with_parts(
+        trainer(tmp_path, "none", Recorder(), steps=6), distractors=UpperThird(start=2)
+    )
+    for pictures in run.parts.data.pictures.values():
+        for picture in pictures:
+            picture[:, :8] = 1.0 - picture[:, :8].round()
+    run.fit()
+    exposures = Exposures(run.parts.data.views(Split.TRAIN).names, LearningRate(1e-3))
+    exposed = replace(run.parts, corrections=CaptureCorrections(exposures))
+    settings = run.plan.settings
+    before = evaluate(exposed, settings, step=6).means
+    assert before["kept_psnr"] >= evaluate(run.parts, settings, step=6).means["kept_psnr"]
+    for picture in run.parts.data.pictures[Split.EVAL]:
+        picture.mul_(0.5)  # Another exposure, which is no distractor.
+    bare, fitted = (evaluate(parts, settings, step=6).means for parts in (run.parts, exposed))
+    assert fitted["kept_psnr"] > before["kept_psnr"] - 1
+    assert fitted["kept_psnr"] > bare["kept_psnr"] + 3
+
+
 def test_distractors_of_held_out_images_are_no_overfitting():
     scene = MemoryData().scene
     views = Evaluation(("a",), ({},), 0.0, {"psnr": 17.0, "kept_psnr": 27.0}, training_psnr=30.0)
@@ -336,6 +357,10 @@ def test_exposures_that_are_learnt_are_no_contradiction(tmp_path):
     assert not parts.contradicts(*seen)
     assert parts.seeks_contradictions(Split.TRAIN)
     assert not parts.seeks_contradictions(Split.EVAL), "their exposures are unknown"
+    for corrections, is_left_out in ((CaptureCorrections(), True), (parts.corrections, False)):
+        seeking = with_parts(run, corrections=corrections, distractors=FINDER).parts
+        kept = seeking.compared(*seen[:3], 1, Split.EVAL)
+        assert bool(kept.left_out.any()) == is_left_out
 
 
 def test_contradicted_images_are_a_finding_unless_it_is_one_or_nothing_is_learnt():
