@@ -51,11 +51,13 @@ class Bridge:
     second: str
     why: str
     """A clause that says what they have in common."""
+    missing: str
+    """The photos between them, as ``MatchGraph.between`` names them."""
 
     @property
     def advice(self) -> str:
         """The photos to take."""
-        return f"take photos between {self.first} and {self.second} ({self.why})"
+        return f"take {self.missing} ({self.why})"
 
     def document(self) -> dict[str, Any]:
         """Plain data."""
@@ -202,11 +204,23 @@ class MatchGraph:
         gap, first, second = self._neighbors(ours, theirs)
         if best is not None and best.verified:
             why = f"{best.verified} verified matches"
-            return (best.verified, best.matches, -gap), _bridge(best, ours, why)
+            return (best.verified, best.matches, -gap), self._bridge(best, ours, why)
         if best is not None and best.matches > CHANCE:
             why = f"{best.matches} features look alike, but fit no motion of a camera"
-            return (0, best.matches, -gap), _bridge(best, ours, why)
-        return (0, 0, -gap), Bridge(first, second, "nearest to each other by name")
+            return (0, best.matches, -gap), self._bridge(best, ours, why)
+        why = "nearest to each other by name"
+        return (0, 0, -gap), Bridge(first, second, why, self.between(first, second))
+
+    def _bridge(self, link: Link, ours: Sequence[str], why: str) -> Bridge:
+        ends = (link.first, link.second) if link.first in ours else (link.second, link.first)
+        return Bridge(*ends, why, self.between(*ends))
+
+    def between(self, name: str, other: str) -> str:
+        """Photos between an image and another, or "others"; panoramas between those of views."""
+        first, second = (self.shots.get(one, one).removeprefix("/") for one in (name, other))
+        known = [one for one in (name, other) if one in self._numbers]
+        kind = "panoramas" if all(one in self.shots for one in known) else "photos"
+        return f"{kind} between {first} and {second}"
 
     def _neighbors(self, ours: Sequence[str], theirs: Sequence[str]) -> tuple[int, str, str]:
         """The two images that are nearest by name, and how many steps apart they are."""
@@ -222,8 +236,3 @@ class MatchGraph:
     @cached_property
     def _numbers(self) -> Mapping[str, int]:
         return {name: index for index, name in enumerate(self.names)}
-
-
-def _bridge(link: Link, ours: Sequence[str], why: str) -> Bridge:
-    ends = (link.first, link.second) if link.first in ours else (link.second, link.first)
-    return Bridge(*ends, why)

@@ -289,12 +289,12 @@ class Inquiry:
             return None
         partner = "it has no match with any image"
         if best is not None:
-            what = f"{best.verified} verified matches" if best.verified else "no verified match"
-            partner = f"its best partner is {best.other(name)} with {what}"
-        near = "others"
-        if self.placed:
-            near = self.graph.bridge(self._place, (name,)).first
-        advice = f"Take photos between {name} and {near}, each overlapping the next by two thirds."
+            number = str(best.verified or "no")
+            partner = f"its best partner is {best.other(name)} with {number} verified matches"
+        near = self.graph.bridge(self._place, (name,)).first if self.placed else "others"
+        is_view = name in self.graph.shots
+        spacing = "a step or two apart" if is_view else "each overlapping the next by two thirds"
+        advice = f"Take {self.graph.between(name, near)}, {spacing}."
         if self.features[name].count < FEW_TO_MATCH:
             advice += f" {self._more_features(name)}"
         return self._because(

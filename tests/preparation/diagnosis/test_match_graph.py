@@ -155,3 +155,12 @@ def test_bridges_lead_from_group_to_group_where_they_come_nearest():
         "take photos between b and e (40 features look alike, but fit no motion of a camera)"
     )
     assert second.advice == "take photos between b and c (nearest to each other by name)"
+
+
+def test_panoramas_are_missing_between_the_panoramas_of_views():
+    found = replace(graph("abcd"), shots={"a": "/p.jpg", "b": "/p.jpg", "c": "/q.jpg"})
+    assert found.bridge(("a", "b"), ("c",)).advice == (
+        "take panoramas between p.jpg and q.jpg (nearest to each other by name)"
+    )
+    assert found.between("c", "d") == "photos between q.jpg and d"
+    assert found.between("c", "others") == "panoramas between q.jpg and others"
