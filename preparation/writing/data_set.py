@@ -15,7 +15,6 @@ from jaxtyping import Float64, UInt8
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
-from gsfw.core.words import counted
 from gsfw.datamanagers.images import decode, fit_mask, load_mask
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE
@@ -279,9 +278,6 @@ def _notes(model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task])
         yield f"images that only an EXIF tag turned are stored upright: {turned}"
     if any(task.has_blanks for task in tasks):
         yield f"{MASKS}/ marks what lenses did not see"
-    masked = sum(task.image.mask is not None for task in tasks)
-    if masked:
-        yield f"{MASKS}/ has the masks of {counted(masked, 'view')} of panoramas"
     lost = model.num_points3D() - moved.num_points3D()
     if lost:
         yield f"{lost} points, which fewer than two undistorted images show, are left out"
