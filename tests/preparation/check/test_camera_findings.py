@@ -57,6 +57,7 @@ def test_views_of_a_panorama_have_one_place(tmp_path):
     found = write_ball(tmp_path / "a", turned).findings()["few views"]
     # The fifth panorama is held out.
     assert found.found == "8 images to train on from 4 places."
+    assert found.advice.startswith("Take panoramas or photos from more places, a step or two apart")
 
 
 def test_cameras_in_one_place_do_not_train(tmp_path):
