@@ -93,7 +93,9 @@ class Subject:
             ValueError: the splats have values that cannot be drawn.
         """
         output = self.render(splats, camera)
-        output = replace(output, color=output.color.float(), alpha=output.alpha.float())
+        extra = None if output.extra is None else output.extra.float()
+        color, alpha = output.color.float(), output.alpha.float()
+        output = replace(output, color=color, alpha=alpha, extra=extra)
         height, width = output.color.shape[1:3]
         decoded = self.model.decode(output, camera.resized(width, height))
         return enlarged(decoded.color[0], camera)
