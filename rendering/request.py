@@ -127,10 +127,21 @@ def _wants_views(composition: Composition, request: RenderRequest) -> bool:
 
 
 def _views(composition: Composition, request: RenderRequest, out: Path, say: Say) -> list[Path]:
-    """Render the views of the splits; their files."""
+    """Render the views of the splits; their files.
+
+    Raises:
+        ConfigError: views alone are asked for, and there are none.
+    """
+    data = composition.parts.data
+    splits = [split for split in request.splits if len(data.views(split))]
+    if not splits and request.what == "views":
+        raise ConfigError(
+            "what=views: this run has no held-out images to render.",
+            "Render those it was trained on with split=train.",
+        )
     renderer = _renderer(composition, request, VIEW_CHANNELS, has_photos=True)
     files: list[Path] = []
-    for split in request.splits:
+    for split in splits:
         folder = out / ("views" if split is Split.EVAL else f"views-{split.value}")
         frames, rendered = view_frames(split, renderer, folder)
         files += _gathered(frames, rendered, f"{split.value} views", say)

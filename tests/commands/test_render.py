@@ -13,6 +13,7 @@ import pytest
 import torch
 from PIL import Image
 from support.moving_scene import SMALL_MOVING_SCENE
+from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.commands.main import main
@@ -403,3 +404,18 @@ def test_an_earlier_checkpoint_is_not_called_the_last(moving_run, capsys):
     assert main(["eval", str(checkpoint), "json=true"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["protocol"]["checkpoint"] == "after step 0 of 5"
+
+
+def test_a_run_without_held_out_views_renders_its_films_and_says_that_it_has_no_views(
+    trained, tmp_path, capsys
+):
+    run = trained("method=3dgs", *SMALL_SCENE, "steps=2", "datamanager.eval_views=0")
+    film = ("channel=count", "frames=1", "video=none")
+    assert main(["render", str(run), f"out={tmp_path}", *film]) == 0
+    assert [path.name for path in tmp_path.rglob("*.png")] == ["0000.png"]
+    capsys.readouterr()
+    assert main(["render", str(run), f"out={tmp_path}", "what=views"]) == 2
+    assert capsys.readouterr().err == (
+        "error: what=views: this run has no held-out images to render.\n"
+        "Render those it was trained on with split=train.\n"
+    )
