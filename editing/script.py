@@ -98,11 +98,20 @@ def apply(
         if len(piece) == 0:
             raise DataError(
                 f"{step.name}={step.text} leaves none of the {before:,} Gaussians.",
-                "Values are in the units of the world, as it is after the steps before; "
-                "gsfw info FILE says where the Gaussians are.",
+                _remedy(step.name),
             )
         done(StepResult(step, before, len(piece), edited.note))
     return piece
+
+
+def _remedy(name: str) -> str:
+    """Advice on an operation that leaves nothing."""
+    if name in ("crop.box", "crop.sphere", "cut.box", "cut.sphere"):
+        return (
+            "Values are in the units of the world, as it is after the steps before; "
+            "gsfw info FILE says where the Gaussians are."
+        )
+    return "Leave the step out, or give a value that keeps more of them."
 
 
 def write_steps(results: Sequence[StepResult], given: str) -> bytes:

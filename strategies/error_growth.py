@@ -75,7 +75,9 @@ class ErrorGrowthConfig(StrategyConfig):
         if self.agreeing_views > self.views:
             raise ConfigError(
                 f"strategy.agreeing_views={self.agreeing_views}: expected at most "
-                f"strategy.views={self.views}, the views that are asked."
+                f"strategy.views={self.views}, the views that are asked.",
+                f"Give strategy.views={self.agreeing_views} or more, or a smaller "
+                "strategy.agreeing_views.",
             )
         rounds = RefinementRounds(self.refine_start, self.refine_every, self.refine_stop)
         return (ErrorGrowth(self, scene, rounds),)

@@ -114,7 +114,8 @@ class TrackedGaussiansConfig(GaussiansConfig):
         if self.neighbors_per_step > self.neighbors:
             raise ConfigError(
                 f"neighbors_per_step={self.neighbors_per_step}: expected at most "
-                f"neighbors={self.neighbors}."
+                f"neighbors={self.neighbors}.",
+                f"Give neighbors_per_step={self.neighbors} or less, or more neighbors.",
             )
         if self.sampler is not None and not self.sampler.in_time_order:
             raise ConfigError(

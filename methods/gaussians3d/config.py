@@ -143,7 +143,8 @@ class GaussiansConfig(MethodConfig):
         if self.bands.stop < self.bands.grow_stop:
             raise ConfigError(
                 f"bands.stop={self.bands.stop}: expected at least "
-                f"bands.grow_stop={self.bands.grow_stop}."
+                f"bands.grow_stop={self.bands.grow_stop}.",
+                f"Give bands.grow_stop={self.bands.stop} or less, or a larger bands.stop.",
             )
         factor = self.optim.factor
         if factor != "auto" and not 0 < factor < math.inf:

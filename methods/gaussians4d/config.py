@@ -239,5 +239,6 @@ class DeformationConfig(MovingConfig):
         if self.hash.finest < self.hash.coarsest:
             raise ConfigError(
                 f"hash.finest={self.hash.finest}: expected at least "
-                f"hash.coarsest={self.hash.coarsest}."
+                f"hash.coarsest={self.hash.coarsest}.",
+                f"Give hash.coarsest={self.hash.finest} or less, or a larger hash.finest.",
             )

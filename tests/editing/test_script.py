@@ -80,6 +80,19 @@ def test_steps_are_applied_in_order_and_each_is_counted():
         apply(steps[::-1], piece, nothing_around(), lambda result: None)
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "advice"),
+    [
+        ("cut.sphere", "0,0,0,99", "Values are in the units of the world"),
+        ("prune.opacity", "1", "Leave the step out, or give a value that keeps more of them."),
+    ],
+)
+def test_a_step_that_leaves_nothing_gives_the_advice_of_its_kind(name, text, advice):
+    with pytest.raises(DataError) as refusal:
+        apply([Step.of(name, text)], piece_of(splats()), nothing_around(), lambda result: None)
+    assert refusal.value.advice.startswith(advice)
+
+
 def test_a_file_of_steps_has_them_all(tmp_path):
     results = []
     steps = [Step.of("move", "0,0,1"), Step.of("prune.opacity", "0.3")]

@@ -204,9 +204,10 @@ def test_needs_a_rasterizer_that_weighs_contributions_and_rows_that_can_be_split
 def test_more_views_cannot_agree_than_are_asked():
     with pytest.raises(ConfigError) as caught:
         strategy(agreeing_views=5)
-    assert str(caught.value) == (
+    assert caught.value.message == (
         "strategy.agreeing_views=5: expected at most strategy.views=4, the views that are asked."
     )
+    assert caught.value.advice.startswith("Give strategy.views=5 or more")
 
 
 @settings(max_examples=10, deadline=None)

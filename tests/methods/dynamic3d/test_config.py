@@ -73,3 +73,9 @@ def test_values_that_make_no_sense_are_one_message(key, value, expected):
     with pytest.raises(ConfigError) as caught:
         check(settings(**{key.replace(".", "__"): value}), installed())
     assert str(caught.value).startswith(expected)
+
+
+def test_fewer_neighbours_than_those_of_a_step_are_refused_with_the_setting_to_change():
+    with pytest.raises(ConfigError) as caught:
+        check(settings(neighbors="3"), installed())
+    assert caught.value.advice == "Give neighbors_per_step=3 or less, or more neighbors."

@@ -228,6 +228,12 @@ def test_settings_that_cannot_be_are_refused(config, message):
         config.check()
 
 
+def test_bands_that_stop_before_they_grow_are_refused_with_the_setting_to_change():
+    with pytest.raises(ConfigError) as caught:
+        StaticGaussiansConfig(bands=BandsConfig(stop=1)).check()
+    assert caught.value.advice == "Give bands.grow_stop=1 or less, or a larger bands.stop."
+
+
 def test_a_number_is_short_for_a_degree():
     assert StaticGaussiansConfig(sh="1") == StaticGaussiansConfig(sh_degree=1)
     assert StaticGaussiansConfig(sh="adaptive", sh_degree=2).sh_degree == 2
