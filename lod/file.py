@@ -180,9 +180,11 @@ def _places(rows: UInt8[np.ndarray, "m b"]) -> Float32[Tensor, "m 8"]:
 def _nodes(rows: UInt8[np.ndarray, "m b"]) -> Nodes:
     """The Gaussians that bytes of a file hold."""
     split = VALUES * BYTES
-    values = np.ascontiguousarray(rows[:, :split]).view("<f4").astype(np.float32, copy=False)
-    rest = np.ascontiguousarray(rows[:, split:])
-    halves = rest.view("<f2").astype(np.float16, copy=False).reshape(len(rows), -1)
+    # ascontiguousarray keeps the stride of a single row, which torch takes in whole elements only.
+    values = rows[:, :split].copy().view("<f4").astype(np.float32, copy=False)
+    halves = (
+        rows[:, split:].copy().view("<f2").astype(np.float16, copy=False).reshape(len(rows), -1)
+    )
     return Nodes(torch.from_numpy(values), torch.from_numpy(halves))
 
 

@@ -49,6 +49,15 @@ def test_the_model_comes_back_from_map_coordinates(splats, tmp_path):
     assert torch.allclose(colors[0].float(), colors[1], atol=2e-3)
 
 
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_a_model_of_one_splat_comes_back(degree, tmp_path):
+    path, one = tmp_path / "model.lod", random_splats(1, degree)
+    LodExporter().write(path, SplatFile(one))
+    back = LodImporter().read(path).splats
+    assert torch.allclose(back.means.double(), one.means.double(), rtol=0, atol=1e-6)
+    assert torch.allclose(back.colors.dense(), one.colors.dense().float(), rtol=0, atol=2e-3)
+
+
 def test_a_cut_of_the_file_is_that_of_the_tree_in_memory(splats, written):
     origin = splats.means.median(dim=0).values
     tree = build(replace(splats, means=splats.means - origin))
