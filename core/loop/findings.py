@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from gsfw.core.config import NO_BUDGET
 from gsfw.core.loop.distractors import KEPT_PSNR
 from gsfw.core.scene import Scene
 from gsfw.core.words import listed, shell_argument
@@ -161,7 +162,9 @@ def _dying_gaussians(evidence: Evidence) -> Finding | None:
     poor = evidence.is_poor or evidence.is_one_color
     if visible > FEW_VISIBLE and not (poor and visible < LOW_SHARE * most):
         return None
-    remedies = []
+    remedies, budget = [], evidence.settings.get("strategy.budget", NO_BUDGET)
+    if budget != NO_BUDGET:
+        remedies.append(f"a larger budget (this run: strategy.budget={budget})")
     if evidence.settings.get("strategy.reset_every"):
         remedies.append("no opacity resets (strategy.reset_every=0)")
     if evidence.settings.get("opacity_penalty"):

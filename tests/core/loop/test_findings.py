@@ -119,6 +119,15 @@ def test_dying_gaussians_are_blamed_on_resets_only_where_there_are_some():
     assert "resets" not in judge(without)[0].message
 
 
+def test_a_budget_that_leaves_few_gaussians_is_named_first():
+    dying = replace(evidence(), visible=3, settings={**SETTINGS, "strategy.budget": "3"})
+    assert "Try, one by one: a larger budget (this run: strategy.budget=3); " in (
+        judge(dying)[0].message
+    )
+    without = replace(dying, settings={**SETTINGS, "strategy.budget": "none"})
+    assert "budget" not in judge(without)[0].message
+
+
 @pytest.mark.parametrize(("moving", "found"), [(12.4, ["motion-not-found"]), (12.6, [])])
 def test_what_moves_has_to_beat_one_colour(moving, found):
     assert keys(evidence(moving_psnr=moving)) == found
