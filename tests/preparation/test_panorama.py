@@ -58,6 +58,24 @@ def test_a_plain_ceiling_and_floor_hide_no_panorama(tmp_path):
     assert look(tmp_path, Image.fromarray(pixels)) == Look(Kind.PANORAMA)
 
 
+def test_the_edge_of_a_door_at_the_seam_hides_no_panorama(tmp_path):
+    pixels = sphere().astype(float)
+    pixels[80:180, -90:] = 0.3 * pixels[80:180, -90:] + 150
+    assert look(tmp_path, Image.fromarray(pixels.astype(np.uint8))) == Look(Kind.PANORAMA)
+
+
+def test_a_patch_over_the_tripod_hides_no_panorama(tmp_path):
+    pixels = sphere().copy()
+    pixels[230:] = 60 + pixels[140:166] // 2
+    assert look(tmp_path, Image.fromarray(pixels)) == Look(Kind.PANORAMA)
+
+
+def test_a_texture_that_repeats_is_no_panorama(tmp_path):
+    middle = sphere()[64:192]
+    pixels = np.concatenate([middle, middle[::-1]])
+    assert look(tmp_path, Image.fromarray(pixels)) == Look(Kind.VIEW)
+
+
 def test_recognition_does_not_depend_on_size_and_format(tmp_path):
     pixels = sphere().repeat(4, axis=0).repeat(4, axis=1).astype(float)
     pixels += np.random.default_rng(0).normal(0, 40, pixels.shape)
