@@ -7,13 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsfw.core.words import counted, listed
-from gsfw.datamanagers.view_spread import numbered_places
 from gsfw.preparation.check.coverage import looked_at, widest_gap
 from gsfw.preparation.check.lens_findings import lens_findings
 from gsfw.preparation.check.pose_findings import pose_findings
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.up_axis import up_axis
-from gsfw.preparation.check.viewpoints import SAME_POSE
 from gsfw.preparation.finding import Finding, Weight
 
 FEWEST_VIEWS = 3
@@ -99,8 +97,8 @@ def _trained_places(survey: Survey) -> np.ndarray:
 
 def _different_centers(survey: Survey) -> int:
     """Number of places of trained cameras; the views of a panorama have one."""
-    centers = survey.viewpoints.centers[_trained_places(survey)]
-    return len(set(numbered_places(centers, SAME_POSE)))
+    viewpoints = survey.viewpoints
+    return len(set(viewpoints.spots[viewpoints.trained[viewpoints.places]]))
 
 
 def _spread(survey: Survey) -> Iterator[Finding]:
@@ -146,19 +144,22 @@ def _neighbors(survey: Survey) -> Iterator[Finding]:
     views = np.array(angles.places)[rows]
     if len(nearest) < 2:
         return
-    alone = np.flatnonzero(np.isnan(nearest))
+    # A panorama has neighbours if any of its views has some: others may show a plain wall.
+    spots = viewpoints.spots[viewpoints.place_of[views]]
+    _, first, spots = np.unique(spots, return_index=True, return_inverse=True)
+    alone = np.flatnonzero(np.bincount(spots, np.isfinite(nearest)) == 0)
     if len(alone):
-        names = viewpoints.named(views[alone].tolist())
+        names = viewpoints.named(views[first[alone]].tolist())
         yield Finding(
             "views without neighbours",
             Weight.LIMIT,
-            f"{len(alone)} of {len(nearest)} places share less than a fifth of what they see with "
+            f"{len(alone)} of {len(first)} places share less than a fifth of what they see with "
             f"any other: {listed(names)}.",
             "The depth of what only one image shows cannot be measured.",
             "Add images between them and the others, or leave them out.",
             names,
         )
-    if len(alone) == len(nearest):
+    if len(alone) == len(first):
         return
     middle = float(np.nanmedian(nearest))
     if middle > FAR_NEIGHBOR:

@@ -167,15 +167,18 @@ def _scale(survey: Survey) -> Iterator[Finding]:
 def _visible(survey: Survey) -> Iterator[Finding]:
     surface, viewpoints = survey.surface, survey.viewpoints
     assert surface is not None
-    blind = np.flatnonzero(~surface.seen.any(1))
-    per_image = surface.seen.mean(1) * len(survey.scene.points)
+    # The views of a panorama have one pose: one of a plain wall sees no points, and fits.
+    seen = surface.seen_from(viewpoints.spots)
+    first = viewpoints.places[np.unique(viewpoints.spots, return_index=True)[1]]
+    blind = np.flatnonzero(~seen.any(1))
+    per_spot = seen.mean(1) * len(survey.scene.points)
     if len(blind):
-        names = viewpoints.named(viewpoints.places[blind].tolist())
-        most = 2 * len(blind) > len(surface.seen)
+        names = viewpoints.named(first[blind].tolist())
+        most = 2 * len(blind) > len(seen)
         yield Finding(
             "cameras see no points",
             Weight.STOP if most else Weight.LIMIT,
-            f"{len(blind)} of {len(surface.seen)} places see none of the points: {listed(names)}.",
+            f"{len(blind)} of {len(seen)} places see none of the points: {listed(names)}.",
             "Their poses are wrong, or the points belong to another export"
             + (_turned(survey) if most else "")
             + ".",
@@ -184,9 +187,9 @@ def _visible(survey: Survey) -> Iterator[Finding]:
             else "Leave these images out, or reconstruct again.",
             names,
         )
-    few = np.flatnonzero((per_image > 0) & (per_image < FEW_IN_IMAGE))
+    few = np.flatnonzero((per_spot > 0) & (per_spot < FEW_IN_IMAGE))
     if len(few) and len(survey.scene.points) >= FEW_POINTS:
-        names = viewpoints.named(viewpoints.places[few[np.argsort(per_image[few])]].tolist())
+        names = viewpoints.named(first[few[np.argsort(per_spot[few])]].tolist())
         yield Finding(
             "few points in images",
             Weight.LIMIT,

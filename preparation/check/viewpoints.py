@@ -14,6 +14,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.maths.focus import OBJECT_SIZE, focus
 from gsfw.core.scene import Scene
+from gsfw.datamanagers.view_spread import numbered_places
 
 SAME_POSE = 1e-5
 """Poses are told apart beyond this, in extents of the cameras: float32 keeps that much."""
@@ -104,6 +105,11 @@ class Viewpoints:
         _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
         return np.argsort(np.argsort(first))[inverse.reshape(-1)]
 
+    @cached_property
+    def spots(self) -> Int[np.ndarray, " s"]:
+        """The number of the centre of each of ``places``: the views of a panorama have one."""
+        return numbered_places(self.centers[self.places], SAME_POSE)
+
     @property
     def stand_still(self) -> bool:
         """True if cameras are where they were before at most other times."""
@@ -171,6 +177,12 @@ class Surface:
             [viewpoints.project(place, points)[1] for place in viewpoints.places.tolist()]
         )
         return Surface(points, rows, measured, seen)
+
+    def seen_from(self, spots: Int[np.ndarray, " s"]) -> Bool[np.ndarray, "n p"]:
+        """True for points that any place of each spot sees; see ``Viewpoints.spots``."""
+        seen = np.zeros((spots.max(initial=-1) + 1, self.seen.shape[1]), bool)
+        np.logical_or.at(seen, spots, self.seen)
+        return seen
 
 
 @dataclass(frozen=True)

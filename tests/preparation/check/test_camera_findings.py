@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.checked_captures import ball, write_ball
-from support.small_captures import HEIGHT, WIDTH, write_colmap_cameras
+from support.small_captures import HEIGHT, WIDTH, SmallCapture, write_colmap_cameras
 
 from gsfw.preparation.finding import Weight
 from gsfw.preparation.panorama_views import DIRECTIONS
@@ -47,17 +47,28 @@ def test_ten_images_train_with_limits(tmp_path):
     assert write_ball(tmp_path / "a", ball(count=12)).findings()["few views"].weight is Weight.LIMIT
 
 
-def test_views_of_a_panorama_have_one_place(tmp_path):
-    turned = ball(count=10)
+def panoramas(*views: int) -> SmallCapture:
+    """The ball from five places, with views in some of ``DIRECTIONS`` from each."""
+    turned = ball(count=5 * len(views))
     turned.poses[:] = [
         np.block([[rotation @ pose[:3, :3], rotation @ pose[:3, 3:]], [np.zeros((1, 3)), 1]])
-        for pose in turned.poses[:5]
-        for rotation in (direction.from_panorama for direction in DIRECTIONS[:2])
+        for pose in ball(count=5).poses
+        for rotation in (DIRECTIONS[view].from_panorama for view in views)
     ]
-    found = write_ball(tmp_path / "a", turned).findings()["few views"]
+    return turned
+
+
+def test_views_of_a_panorama_have_one_place(tmp_path):
+    found = write_ball(tmp_path / "a", panoramas(0, 1)).findings()["few views"]
     # The fifth panorama is held out.
     assert found.found == "8 images to train on from 4 places."
     assert found.advice.startswith("Take panoramas or photos from more places, a step or two apart")
+
+
+def test_a_view_of_a_panorama_may_show_nothing_that_others_show(tmp_path):
+    found = write_ball(tmp_path / "a", panoramas(0, 3)).findings()
+    unseen = {"cameras see no points", "few points in images", "views without neighbours"}
+    assert not unseen & set(found)
 
 
 def test_cameras_in_one_place_do_not_train(tmp_path):
