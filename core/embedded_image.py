@@ -6,10 +6,11 @@ import base64
 import io
 from html import escape
 
-import torch
 from jaxtyping import Float
 from PIL import Image
 from torch import Tensor
+
+from gsfw.core.color_bytes import color_bytes
 
 LONGEST_SIDE = 360
 """Longest side of an image in a notebook, in pixels: larger ones are shrunk."""
@@ -26,7 +27,7 @@ def image_element(image: Float[Tensor, "h w d"], title: str = "") -> str:
         title: shown while the pointer is on it.
     """
     pixels = image.detach()[..., :3] if image.shape[2] >= 3 else image.detach()[..., :1]
-    data = (pixels.float().nan_to_num().clamp(0, 1) * 255).round().to(torch.uint8).cpu()
+    data = color_bytes(pixels.float().nan_to_num()).cpu()
     picture = Image.fromarray(data.expand(*data.shape[:2], 3).contiguous().numpy())
     picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
     buffer = io.BytesIO()
