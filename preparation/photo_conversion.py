@@ -74,6 +74,8 @@ def with_jpeg(files: Sequence[InputFile], folder: Path) -> Converted:
         for file, kind in kinds.items()
         if (file.asked or shot(file.name) not in shots) and _is_installed(kind)
     ]
+    if not wanted:
+        return Converted(tuple(files))
     converted: dict[InputFile, InputFile] = {}
     damaged: dict[InputFile, LeftOut] = {}
     places = {file: _place(file, folder) for file in wanted}

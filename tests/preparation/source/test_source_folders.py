@@ -1,8 +1,12 @@
 """Which files of folders belong to a source."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import pytest
 from support.source_photos import names, photo, photos, written
 
+from gsfw.core.progress import Advance, shown_by
 from gsfw.preparation.source import read_source
 
 
@@ -118,6 +122,19 @@ def test_results_and_masks_in_a_folder_are_not_read(folder):
         f"{folder / 'masks'}: by its name, it holds masks; panoramas alone use theirs",
         f"{folder / 'old'} is not used: it is a result of gsfw prepare",
     )
+
+
+def test_photos_that_need_no_conversion_take_no_stage(folder):
+    stages: list[str] = []
+
+    @contextmanager
+    def show(name: str, total: int) -> Iterator[Advance]:
+        stages.append(name)
+        yield lambda done: None
+
+    with shown_by(show):
+        read_source([folder], converted=folder / "converted")
+    assert stages == []
 
 
 def test_other_files_are_counted_only(folder):
