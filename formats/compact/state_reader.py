@@ -121,9 +121,11 @@ class StateReader:
         return np.argsort(rows.rows) if rows and self.fields.flag("keeps_order") else None
 
     def _bytes(self, name: str) -> bytes:
-        if name not in self.tensors:
+        if name in self.tensors:
+            return self.tensors[name].tobytes()
+        if self._entries[name].num_bytes:
             raise ValueError("it has no bytes")
-        return self.tensors[name].tobytes()
+        return b""  # A ragged column whose rows are all empty.
 
     def _tensors(self, name: str) -> dict[str, Tensor]:
         """A tensor; that of a ragged column with its offsets, which then have none of their own."""

@@ -264,6 +264,15 @@ def test_missing_bytes_of_a_tensor_are_named(tmp_path):
     assert refusal(path) == "is damaged: sh_dc.values: it has no bytes."
 
 
+@pytest.mark.parametrize("name", ["motion", "mine"])
+def test_a_ragged_column_without_any_value_comes_back(tmp_path, name):
+    model = gaussians(**{name: (Layout.RAGGED, torch.zeros(0, 2, 3))})
+    model.state[f"{name}.offsets"].zero_()
+    _, found = trip(tmp_path, model, precision="compressed")
+    assert found.state[f"{name}.values"].shape == (0, 2, 3)
+    assert torch.equal(found.state[f"{name}.offsets"], model.state[f"{name}.offsets"])
+
+
 def test_mutated_bytes_are_refused_or_read_as_finite_numbers(tmp_path):
     """The bytes within the archive: those of the archive have a checksum."""
     path, _ = trip(tmp_path, moving(), precision="compressed")
