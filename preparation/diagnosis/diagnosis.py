@@ -43,7 +43,7 @@ class Diagnosis:
     registered: tuple[str, ...]
     """Images that the largest model has, in the order of the set."""
     unregistered: tuple[Unregistered, ...]
-    """All others, each with its reason."""
+    """All other photos, and panoramas, each with its reason."""
     left_out: tuple[LeftOut, ...]
     """Files that are no images of the set, each with its reason."""
     components: tuple[Component, ...]
@@ -108,21 +108,23 @@ def diagnose(
         components=evidence.components,
         bridges=evidence.bridges,
         model=figures,
-        figures=(*words_of(figures, evidence.given), *_on_views(images)) if figures else (),
+        figures=(*words_of(figures, evidence.given), *_on_views(evidence)) if figures else (),
         findings=sorted_findings(finding for judge in JUDGES for finding in judge(evidence)),
     )
 
 
-def _on_views(images: ImageSet) -> Iterator[str]:
+def _on_views(evidence: Evidence) -> Iterator[str]:
     """The sentence on views of panoramas, where there are any."""
+    images = evidence.images
     views = [image for image in images.images if image.view is not None]
     if views:
-        count = len({image.shot for image in views})
+        count = evidence.count_shots(image.name for image in views)
+        placed = evidence.count_shots({image.name for image in views} & {*evidence.registered})
         focals = sorted({image.view.focal for image in views if image.view is not None})
         yield (
             f"{len(views)} of {len(images.images)} images are views of "
-            f"{counted(count, 'panorama')}; the focal length of {_numbers(focals)} pixels is "
-            "exact."
+            f"{counted(count, 'panorama')}, of which {placed} {'was' if placed == 1 else 'were'} "
+            f"placed; the focal length of {_numbers(focals)} pixels is exact."
         )
 
 

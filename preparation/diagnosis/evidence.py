@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component, MatchGraph
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
+from gsfw.preparation.diagnosis.unplaced_panoramas import by_panorama
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
 from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
@@ -82,9 +83,23 @@ class Evidence:
 
     @cached_property
     def unregistered(self) -> tuple[Unregistered, ...]:
-        """The other images."""
+        """The other photos, and the panoramas without a place, each once."""
         one_focal = any(len(group.images) > 1 and not group.focal_origin for group in self.groups)
-        return why_unregistered(self.images, self.features, self.graph, self.models, one_focal)
+        images, features, graph = self.images, self.features, self.graph
+        found = why_unregistered(images, features, graph, self.models, one_focal)
+        return by_panorama(found, images, features, graph, self.registered)
+
+    def count_shots(self, names: Iterable[str]) -> int:
+        """Number of photos and panoramas that some images are, or are views of."""
+        return len({self.images.by_name[name].shot for name in names})
+
+    @cached_property
+    def noun(self) -> str:
+        """The word for these, in the plural."""
+        views = sum(image.view is not None for image in self.images.images)
+        if not views:
+            return "images"
+        return "panoramas" if views == len(self.images.images) else "photos and panoramas"
 
     @cached_property
     def components(self) -> tuple[Component, ...]:

@@ -45,7 +45,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Bridge:
-    """The nearest pair of images of two components."""
+    """The nearest pair of images of two components; panoramas stand for their views."""
 
     first: str
     second: str
@@ -204,23 +204,27 @@ class MatchGraph:
         gap, first, second = self._neighbors(ours, theirs)
         if best is not None and best.verified:
             why = f"{best.verified} verified matches"
-            return (best.verified, best.matches, -gap), self._bridge(best, ours, why)
+            return (best.verified, best.matches, -gap), self._bridge(_ends(best, ours), why)
         if best is not None and best.matches > CHANCE:
             why = f"{best.matches} features look alike, but fit no motion of a camera"
-            return (0, best.matches, -gap), self._bridge(best, ours, why)
+            return (0, best.matches, -gap), self._bridge(_ends(best, ours), why)
         why = "nearest to each other by name"
-        return (0, 0, -gap), Bridge(first, second, why, self.between(first, second))
+        return (0, 0, -gap), self._bridge((first, second), why)
 
-    def _bridge(self, link: Link, ours: Sequence[str], why: str) -> Bridge:
-        ends = (link.first, link.second) if link.first in ours else (link.second, link.first)
-        return Bridge(*ends, why, self.between(*ends))
+    def _bridge(self, ends: tuple[str, str], why: str) -> Bridge:
+        first, second = ends
+        missing = self.between(first, second)
+        return Bridge(self._label(first), self._label(second), why, missing)
 
     def between(self, name: str, other: str) -> str:
         """Photos between an image and another, or "others"; panoramas between those of views."""
-        first, second = (self.shots.get(one, one).removeprefix("/") for one in (name, other))
         known = [one for one in (name, other) if one in self._numbers]
         kind = "panoramas" if all(one in self.shots for one in known) else "photos"
-        return f"{kind} between {first} and {second}"
+        return f"{kind} between {self._label(name)} and {self._label(other)}"
+
+    def _label(self, name: str) -> str:
+        """The name that the user knows: a view's panorama has it."""
+        return self.shots.get(name, name).removeprefix("/")
 
     def _neighbors(self, ours: Sequence[str], theirs: Sequence[str]) -> tuple[int, str, str]:
         """The two images that are nearest by name, and how many steps apart they are."""
@@ -236,3 +240,8 @@ class MatchGraph:
     @cached_property
     def _numbers(self) -> Mapping[str, int]:
         return {name: index for index, name in enumerate(self.names)}
+
+
+def _ends(link: Link, ours: Sequence[str]) -> tuple[str, str]:
+    """The images of a link, ours first."""
+    return (link.first, link.second) if link.first in ours else (link.second, link.first)

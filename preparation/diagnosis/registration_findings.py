@@ -39,13 +39,10 @@ def registration_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _no_model(evidence: Evidence) -> Finding:
-    given = evidence.given
-    found = f"None of {given} images could be placed: {_reasons(evidence)}."
-    panoramas = {image.shot for image in evidence.images.images if image.view is not None}
-    others = given - sum(image.view is not None for image in evidence.images.images)
-    places, noun = others + len(panoramas), "panorama" if panoramas and not others else "image"
+    places, noun = evidence.count_shots(evidence.graph.names), evidence.noun
+    found = f"None of {places} {noun} could be placed: {_reasons(evidence)}."
     if places < FEWEST:
-        images = f"is only one {noun}" if places == 1 else f"are only {places} {noun}s"
+        images = f"is only one {noun[:-1]}" if places == 1 else f"are only {places} {noun}"
         advice = "Take 50 to 150, each overlapping the next by two thirds."
         why = f"Depth needs {FEWEST} images from different places at least."
         return Finding("no cameras", Weight.STOP, f"There {images}.", why, advice)
@@ -62,10 +59,11 @@ def _no_model(evidence: Evidence) -> Finding:
 
 
 def _unplaced(evidence: Evidence) -> Finding:
-    placed, given = len(evidence.registered), evidence.given
+    placed = evidence.count_shots(evidence.registered)
+    given = evidence.count_shots(evidence.graph.names)
     missed = evidence.unregistered
     weight = Weight.NOTE if placed >= MOST * given else Weight.LIMIT
-    if placed < HALF * given and placed < ENOUGH:
+    if placed < HALF * given and len(evidence.registered) < ENOUGH:
         weight = Weight.STOP
     reasons = Counter(item.reason for item in missed).most_common(SHOWN)
     cause = _remedy_of_cause(evidence)
@@ -77,7 +75,7 @@ def _unplaced(evidence: Evidence) -> Finding:
     return Finding(
         "images not placed",
         weight,
-        f"{placed} of {given} images were placed; the others: {_reasons(evidence)}.",
+        f"{placed} of {given} {evidence.noun} were placed; the others: {_reasons(evidence)}.",
         "What only the others show will be missing."
         if weight is not Weight.STOP
         else "What is left is too small a part of what was photographed.",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from gsfw.preparation.blur import all_blurred, motion_findings
+from gsfw.preparation.blur import ImageBlur, all_blurred, motion_findings
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS, has_computed_focal
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
@@ -47,8 +47,13 @@ def _blur(evidence: Evidence) -> Iterator[Finding]:
     usual = evidence.usual.quality
     if not evidence.registered and 0 < usual.sharpness < SOFT:
         yield all_blurred(usual)
-    images = {name: evidence.features[name].blur for name in evidence.graph.names}
-    yield from motion_findings(images, usual)
+    shots: dict[str, dict[str, ImageBlur]] = {}
+    for name in evidence.graph.names:
+        shot = evidence.graph.shots.get(name, name)
+        shots.setdefault(shot, {})[name] = evidence.features[name].blur
+    # A panorama is as sharp as its sharpest view: the grain of a plain wall has a direction, too.
+    sharpest = [max(views.items(), key=lambda view: view[1].ratio) for views in shots.values()]
+    yield from motion_findings(dict(sharpest), usual)
 
 
 def _one_view(evidence: Evidence) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
 from gsfw.preparation.diagnosis.registration_findings import registration_findings
 from gsfw.preparation.diagnosis.repetition import ONCE
+from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.finding import Finding, Weight
@@ -82,17 +83,56 @@ def test_each_remedy_names_the_files_that_it_is_for():
     assert finding.advice == ("a.heic, c.heic: Convert them. b.jpg: Copy it again from the camera.")
 
 
-def test_views_of_one_panorama_are_one_place():
-    header, names = Header(500, 500, False), tuple("abcdef")
+def of_panoramas(
+    count: int, placed: int = 0, links: tuple[Link, ...] = (), **features: FeatureReport
+) -> Evidence:
+    """Panoramas of three views each, named ``p0_0`` and so on; the first ones are placed."""
+    header = Header(500, 500, False)
     images = ImageSet(
         tuple(
             SourceImage(
-                name, Path(name), header, Exif(), view=ViewOfPanorama("p.jpg", number, 250.0)
+                f"p{one}_{number}",
+                Path(f"p{one}_{number}"),
+                header,
+                Exif(),
+                view=ViewOfPanorama(f"p{one}.jpg", number, 250.0),
             )
-            for number, name in enumerate(names)
+            for one in range(count)
+            for number in range(3)
         )
     )
-    reports = dict.fromkeys(names, FeatureReport(500, SHARP, 0.0, 1.0))
-    evidence = Evidence(images, (), reports, MatchGraph(names, ()), (), None)
-    (finding,) = registration_findings(evidence)
+    names = tuple(images.by_name)
+    graph = MatchGraph(names, links, shots={image.name: image.shot for image in images.images})
+    usual = FeatureReport(500, SHARP, 0.0, 1.0)
+    reports = {name: features.get(name, usual) for name in names}
+    models = (frozenset(names[: 3 * placed]),) if placed else ()
+    return Evidence(images, (), reports, graph, models, figures() if placed else None)
+
+
+def test_views_of_one_panorama_are_one_place():
+    (finding,) = registration_findings(of_panoramas(1))
     assert finding.found == "There is only one panorama."
+
+
+def test_a_panorama_without_a_place_is_told_once_with_the_reason_of_its_best_view():
+    plain = FeatureReport(20, ImageQuality(1e-5, 0.5, 0.02, 0.0), 40.0, 0.1)
+    link = Link("p1_2", "p2_1", 30, 12, 0.3)
+    evidence = of_panoramas(3, 2, (link,), p2_0=plain, p2_2=plain)
+    (item,) = evidence.unregistered
+    assert (item.name, item.reason, item.path) == ("p2.jpg", "few matches", Path("p2_1"))
+    assert item.found.startswith("Its best view is p2_1: its best partner is p1_2 with 12 ")
+    assert item.advice == (
+        "Take panoramas between p2.jpg and p1.jpg, a step or two apart. Give the panoramas at "
+        "their full size, if they were shrunk: a view has only 500x500 pixels."
+    )
+    finding = next(registration_findings(evidence))
+    assert finding.found == "2 of 3 panoramas were placed; the others: few matches (1)."
+
+
+def test_a_plain_wall_in_a_panorama_is_no_motion_blur():
+    streaked = FeatureReport(300, ImageQuality(0.002, 0.5, 0.2, 0.0), 40.0, 0.05)
+    sharp = of_panoramas(3, 3, p0_0=streaked, p0_1=streaked)
+    assert not [one for one in view_findings(sharp) if one.kind == "motion blur"]
+    moved = of_panoramas(3, 3, p0_0=streaked, p0_1=streaked, p0_2=streaked)
+    (finding,) = [one for one in view_findings(moved) if one.kind == "motion blur"]
+    assert finding.found.startswith("1 of 3 images lack fine detail in one direction")
