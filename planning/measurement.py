@@ -26,7 +26,7 @@ TRIAL_PIXELS = 500_000
 """Pixels of the images of a first look at most: larger ones take seconds a step, and a plan for a
 short time has no use for them."""
 MOST_SHARE = 0.25
-"""Part of the time of a run after which a look ends with its next step, however slow they are."""
+"""Part of the time of a run after which a look ends with its next step, the second at least."""
 ENOUGH = 4
 """Times as long as what comes before the first step is proposed for a run that was too short."""
 DECODERS = 4
