@@ -1,4 +1,4 @@
-"""How the import hook of jaxtyping checks functions, at a small part of its usual price.
+"""Checks of functions by the import hook of jaxtyping, at a small part of their usual price.
 
 * Each function is checked in its first calls of each test. Further calls repeat themselves: finite
   differences, steps of a training.
@@ -19,18 +19,18 @@ import jaxtyping
 from beartype import beartype
 
 CHECKED_CALLS = 10
-"""Of one function in one test."""
+"""Calls that are checked, of one function in one test."""
 
 
 class Checks:
-    """The calls that the present test has checked, by the code of the function.
+    """The calls that the present test has checked, by the identity of the function's code.
 
     Functions within functions are made again at every call of the outer one: their code is the
-    same.
+    same. Codes are not keys themselves: those that two dataclasses have generated may be equal.
     """
 
     limit = CHECKED_CALLS
-    calls: dict[types.CodeType, int] = {}  # noqa: RUF012 - Shared by all functions.
+    calls: dict[int, int] = {}  # noqa: RUF012 - Shared by all functions.
 
     @classmethod
     def start(cls, limit: int) -> None:
@@ -62,7 +62,7 @@ jaxtyping.jaxtyped = jaxtyped  # The hook writes this name above every definitio
 
 def checked_at_first(function: types.FunctionType, typechecker: Callable[..., Any]) -> Any:
     """Check the function in its first calls of each test."""
-    code, calls = function.__code__, Checks.calls
+    code, calls = id(function.__code__), Checks.calls
     made: list[Callable[..., Any]] = []
 
     @functools.wraps(function)

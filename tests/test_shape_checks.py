@@ -1,5 +1,7 @@
 """Calls that tests make into gsfw are checked: shapes, types, what goes in and what comes out."""
 
+from dataclasses import dataclass
+
 import jaxtyping
 import pytest
 import torch
@@ -51,6 +53,29 @@ def test_a_function_is_checked_in_its_first_calls_and_others_all_the_same():
     doubled(torch.zeros(4), torch.zeros(4))
     with pytest.raises(TypeCheckError):
         rotation_matrices(torch.zeros(4, 3))
+
+
+@jaxtyped(typechecker=checked)
+@dataclass
+class Rows:
+    """Fields of the same names as those of Quads."""
+
+    rows: Float[Tensor, "n 3"]
+
+
+@jaxtyped(typechecker=checked)
+@dataclass
+class Quads:
+    """Its generated code equals that of Rows."""
+
+    rows: Float[Tensor, "n 4"]
+
+
+def test_each_dataclass_is_checked_in_its_own_first_calls():
+    for _ in range(CHECKED_CALLS):
+        Rows(torch.zeros(5, 3))
+    with pytest.raises(TypeCheckError):
+        Quads(torch.zeros(5, 3))
 
 
 def test_the_next_test_is_checked():
