@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,10 +84,10 @@ class SyntheticConfig(DataManagerConfig):
                 "Each time needs a view of its own: ask for more views, or for fewer times.",
             )
         pixels = self.width * self.height / request.downscale**2
-        megabytes = (self.views + self.eval_views) * pixels * 4 / 1e6
+        megabytes = math.ceil((self.views + self.eval_views) * pixels * 4 / 1e6)
         if megabytes > request.cache_megabytes:
             raise ConfigError(
-                f"the built-in scene would take {megabytes:.0f} MB, "
+                f"the built-in scene would take {megabytes} MB, "
                 f"but cache_mb={request.cache_megabytes}.",
-                "Raise cache_mb, or ask for fewer or smaller images.",
+                f"Give cache_mb={megabytes} or more, or ask for fewer or smaller images.",
             )

@@ -162,7 +162,7 @@ def test_nothing_on_disk_is_taken_for_the_built_in_scene(tmp_path):
         (
             {"width": 40_000, "height": 20_000},
             "the built-in scene would take 25600 MB, but cache_mb=2048.\n"
-            "Raise cache_mb, or ask for fewer or smaller images.",
+            "Give cache_mb=25600 or more, or ask for fewer or smaller images.",
         ),
     ],
 )
@@ -170,6 +170,15 @@ def test_settings_that_cannot_be_met_are_refused(changes, message):
     with pytest.raises(ConfigError) as caught:
         small(**changes).build(HERE)
     assert str(caught.value) == message
+
+
+def test_a_scene_that_takes_less_than_a_megabyte_is_refused_with_the_memory_that_it_needs():
+    with pytest.raises(ConfigError) as caught:
+        small().build(DataRequest(None, cache_megabytes=0))
+    assert str(caught.value) == (
+        "the built-in scene would take 1 MB, but cache_mb=0.\n"
+        "Give cache_mb=1 or more, or ask for fewer or smaller images."
+    )
 
 
 def test_data_given_to_the_built_in_scene_is_refused():
