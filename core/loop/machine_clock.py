@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,19 +10,19 @@ from pathlib import Path
 from gsfw.core.cores import cores
 
 THREADS = Path("/proc/self/task")
-"""Threads of this process on Linux. The file ``schedstat`` of each has the nanoseconds in which it
-ran, and those in which it could have run and other work had its processor."""
+"""Threads of this process on Linux. The second number of the file ``schedstat`` of each is the
+nanoseconds in which it could have run and other work had its processor."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Times of the threads of this process; zeros where the system does not tell."""
+    """Times of the threads of this process."""
 
     ran: float = 0.0
-    """Seconds on a processor, over all threads."""
+    """Seconds on a processor, over all threads, those that have ended among them."""
     waited: float = 0.0
-    """Seconds in which a thread waited for a processor, over all threads: for other processes, or
-    for other threads of this one."""
+    """Seconds in which a thread waited for a processor, over all threads that have not ended: for
+    other processes, or for other threads of this one. Zero where the system does not tell."""
     had: float = 0.0
     """Seconds of the clock times the number of processors that this process may use."""
 
@@ -33,7 +34,7 @@ class Work:
         than these had.
         """
         ran, waited = self.ran - before.ran, self.waited - before.waited
-        if ran <= 0:  # Threads that have ended take their times with them.
+        if ran <= 0:
             return 1.0
         return max(min((ran + waited) / ran, (self.had - before.had) / ran), 1.0)
 
@@ -55,9 +56,8 @@ class MachineClock:
 
     def work(self) -> Work:
         """The work of this process so far; reads a file for each thread."""
-        times = [_schedstat(thread) for thread in _threads()]
-        ran, waited = (sum((pair[place] for pair in times), 0.0) for place in (0, 1))
-        return Work(ran, waited, cores() * self.seconds())
+        waited = math.fsum(map(_waited, _threads()))
+        return Work(time.process_time(), waited, cores() * self.seconds())
 
 
 def _threads() -> list[Path]:
@@ -67,13 +67,12 @@ def _threads() -> list[Path]:
         return []
 
 
-def _schedstat(thread: Path) -> tuple[float, float]:
-    """Seconds in which a thread ran, and waited to run."""
+def _waited(thread: Path) -> float:
+    """Seconds in which a thread waited for a processor."""
     try:
-        ran, waited, _ = (thread / "schedstat").read_text().split()
-        return int(ran) / 1e9, int(waited) / 1e9
-    except (OSError, ValueError):  # It has ended, or this system has no such file.
-        return 0.0, 0.0
+        return int((thread / "schedstat").read_text().split()[1]) / 1e9
+    except (OSError, ValueError, IndexError):  # It has ended, or this system has no such file.
+        return 0.0
 
 
 def _now() -> float:
