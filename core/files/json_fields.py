@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.json_text import read_json
 
 LARGEST_COUNT = 2**53
-"""Largest whole number that every reader of JSON keeps whole."""
+"""Largest count that is read; every reader of JSON keeps it whole."""
 LONGEST = 60
 """Characters of a wrong value in a message."""
 COPY = "Write or copy the file again; it may be damaged or cut off."
@@ -201,7 +202,7 @@ def _is_whole(value: object) -> bool:
 
 
 def _is_number(value: object) -> bool:
-    small = not isinstance(value, int) or abs(value) <= LARGEST_COUNT
+    small = not isinstance(value, int) or abs(value) <= sys.float_info.max
     return isinstance(value, int | float) and not isinstance(value, bool) and small
 
 

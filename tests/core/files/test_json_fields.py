@@ -31,6 +31,14 @@ def test_numbers_are_read():
     assert given.numbers("d", 2, default=[0.0, 1.0]).tolist() == [0.0, 1.0]
 
 
+def test_large_whole_numbers_are_numbers_but_no_counts():
+    given = fields(time=10**18, times=[10**18, 0])
+    assert given.number("time") == given.positive("time") == 1e18
+    assert given.numbers("times", 2).tolist() == [1e18, 0.0]
+    said = f"a.json: image 3: time: expected a whole number of at least 0, found {10**18}."
+    assert refusal(lambda: given.count("time")) == said
+
+
 @pytest.mark.parametrize("value", [math.inf, math.nan, LONG, True, "3", [3], None], ids=str)
 def test_values_other_than_finite_numbers_are_refused(value):
     given = fields(a=value, b=[1.0, value])
