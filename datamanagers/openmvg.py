@@ -196,7 +196,7 @@ def _frames(
             continue
         key = _key(view, "id_intrinsic")
         if key is None or key not in lenses:
-            raise DataError(f"{view.at}: there is no intrinsic {key}.", "Copy the file again.")
+            raise view.refuse("id_intrinsic", "a key of intrinsics")
         pose = _pose(replace(poses[_key(view, "id_pose")], where=view.where))
         frames.append(images.frame(image, lenses[key], pose, numbers_of[key]))
     return frames, missing

@@ -186,7 +186,7 @@ def _frames(content: JsonFields, images: ImageFolder) -> tuple[list[Frame], list
         key = str(shot.values.get("camera"))
         if key not in cameras:
             if key not in known:
-                raise DataError(f"{shot.at}: there is no camera {key!r}.", "Copy the file again.")
+                raise shot.refuse("camera", "a name in cameras")
             read = JsonFields.of(known[key], content.path, f"camera {key}")
             cameras[key] = len(cameras), read_lens(read, header)
         camera, lens = cameras[key]

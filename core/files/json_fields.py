@@ -18,7 +18,7 @@ LARGEST_COUNT = 2**53
 """Largest count that is read; every reader of JSON keeps it whole."""
 LONGEST = 60
 """Characters of a wrong value in a message."""
-COPY = "Write or copy the file again; it may be damaged or cut off."
+CORRECT = "Correct the value, or export the file again."
 """Next action after a wrong value in a file of another program."""
 
 
@@ -56,9 +56,9 @@ class JsonFields:
         Raises:
             DataError: it is something else.
         """
-        found = JsonFields(path, where, value if isinstance(value, dict) else {}, COPY, "")
+        found = JsonFields(path, where, value if isinstance(value, dict) else {}, CORRECT, "")
         if not isinstance(value, dict):
-            raise DataError(f"{found.at}: expected an object, found {_shown(value)}.", COPY)
+            raise DataError(f"{found.at}: expected an object, found {_shown(value)}.", CORRECT)
         return found
 
     @property

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import COPY_AGAIN, DataError
 
 DEEPEST = 100
 """Most lists and objects within each other that are read; files of gsfw and of known tools have
@@ -64,7 +64,7 @@ def _check_depth(document: object) -> None:
         ]
 
 
-def read_json(path: Path, advice: str = "Write or copy the file again.") -> Any:  # noqa: ANN401
+def read_json(path: Path, advice: str = COPY_AGAIN) -> Any:  # noqa: ANN401
     """Plain data of a JSON file.
 
     Raises:

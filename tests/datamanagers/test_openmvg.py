@@ -155,7 +155,7 @@ def test_missing_images_are_noted(tmp_path):
     [
         (scene(views=3), "views: expected a list of objects, found 3."),
         (scene(extrinsics=[]), "none of its 4 views has a pose."),
-        (scene(intrinsics=[]), "view view_000.png: there is no intrinsic 0."),
+        (scene(intrinsics=[]), "id_intrinsic: expected a key of intrinsics, found 0."),
         (scene(extrinsics=[{"key": 0, "value": {"center": [0, 0, 0]}}]),
          "view view_000.png: there is no rotation."),
         (scene(BASE | {"principal_point": [1]}), "principal_point: expected 2 finite numbers"),
@@ -187,6 +187,6 @@ def test_keys_and_folders_that_can_be_none_end_in_words(tmp_path):
     write(tmp_path, content)
     assert len(build(tmp_path).views(Split.TRAIN)) == 3
     content["views"][2]["value"]["ptr_wrapper"]["data"]["id_intrinsic"] = {"a": 0}
-    assert "there is no intrinsic" in failure(write(tmp_path, content))
+    assert "id_intrinsic: expected a key of intrinsics" in failure(write(tmp_path, content))
     content["extrinsics"][1]["key"] = [1]
     assert "extrinsics[1]: key: expected a number, found [1]." in failure(write(tmp_path, content))

@@ -184,7 +184,7 @@ def changed(**settings):
     [
         (reconstruction(shots={}), "reconstruction.json contains no shots"),
         (reconstruction(cameras=3), "[0]: cameras: expected an object, found 3."),
-        (changed(camera="other"), "shot view_000.png: there is no camera 'other'."),
+        (changed(camera="other"), "camera: expected a name in cameras, found 'other'."),
         (changed(rotation=[1, 2]), "shot view_000.png: rotation: expected 3 finite numbers"),
         (changed(translation=None), "translation: expected 3 finite numbers, found nothing."),
         (reconstruction(BROWN | {"projection_type": "spherical"}),

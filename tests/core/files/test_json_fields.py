@@ -57,6 +57,14 @@ def test_missing_values_and_inner_objects_are_named_by_their_place():
     assert refusal(lambda: given.fields("a").text("b")) == said
 
 
+def test_a_wrong_value_is_corrected_and_a_damaged_file_is_copied_again(tmp_path):
+    with pytest.raises(DataError, match=r"\nCorrect the value, or export the file again\.$"):
+        fields(a="3").number("a")
+    (tmp_path / "a.json").write_text('{"a": ')
+    with pytest.raises(DataError, match=r"\nIt may have been cut short or changed in copying"):
+        JsonFields.read(tmp_path / "a.json")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [("{", "cannot be read as JSON: "), ("[1]", ": expected an object, found [1].")],
