@@ -47,8 +47,6 @@ class Range:
         noun = "a finite number" if finite else "a number"
         if self.at_least is not None and self.at_most is not None:
             return f"{noun} from {_shown(self.at_least)} to {_shown(self.at_most)}"
-        if self.above is not None and below is not None:
-            return f"{noun} between {_shown(self.above)} and {_shown(below)}"
         bounds = {
             "of at least": self.at_least,
             "above": self.above,

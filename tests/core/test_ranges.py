@@ -32,7 +32,7 @@ class Outer:
         (Range(at_most=5), "a number of at most 5", (-9, 5), (6,)),
         (Range(below=5), "a number below 5", (4,), (5,)),
         (Range(at_least=0, at_most=1), "a number from 0 to 1", (0, 1), (-0.1, 1.1)),
-        (Range(above=0, below=1), "a number between 0 and 1", (0.5,), (0, 1)),
+        (Range(above=0, below=1), "a number above 0 and below 1", (0.5,), (0, 1)),
         (Range(above=0, at_most=1), "a number above 0 and at most 1", (1,), (0, 2)),
         (Range(at_least=0, below=1), "a number of at least 0 and below 1", (0,), (1,)),
         (Range(at_least=0, below=math.inf), "a finite number of at least 0", (0,), (math.inf,)),

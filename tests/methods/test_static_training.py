@@ -63,7 +63,7 @@ def test_points_that_know_their_times_begin_as_things_that_come_and_go():
     [
         ("static_start", -1, "a number of at least 0"),
         ("static_every", 0, "a number of at least 1"),
-        ("static_tolerance", 1.0, "a number between 0 and 1"),
+        ("static_tolerance", 1.0, "a number above 0 and below 1"),
         ("static_signal", 1.0, "a number above 1"),
     ],
 )

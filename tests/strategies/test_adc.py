@@ -429,7 +429,10 @@ def test_the_defaults_are_those_of_the_paper():
         ({"max_rounds": -1}, "strategy.max_rounds=-1: expected a number of at least 0."),
         ({"refine_start": -5}, "strategy.refine_start=-5: expected a number of at least 0."),
         ({"max_gaussians": -3}, "strategy.max_gaussians=-3: expected a number of at least 0."),
-        ({"reset_opacity": 1.0}, "strategy.reset_opacity=1: expected a number between 0 and 1."),
+        (
+            {"reset_opacity": 1.0},
+            "strategy.reset_opacity=1: expected a number above 0 and below 1.",
+        ),
     ],
 )
 def test_settings_out_of_range_are_refused(settings, message):

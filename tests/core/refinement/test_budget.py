@@ -44,8 +44,8 @@ def test_what_is_no_budget_is_refused(kind, text):
     ("settings", "said"),
     [
         ({"budget_every": 0}, "strategy.budget_every=0: expected a number of at least 1."),
-        ({"budget_share": 0.0}, "strategy.budget_share=0: expected a number between 0 and 1."),
-        ({"budget_share": 1.0}, "strategy.budget_share=1: expected a number between 0 and 1."),
+        ({"budget_share": 0.0}, "strategy.budget_share=0: expected a number above 0 and below 1."),
+        ({"budget_share": 1.0}, "strategy.budget_share=1: expected a number above 0 and below 1."),
     ],
 )
 def test_settings_out_of_range_are_refused(kind, settings, said):

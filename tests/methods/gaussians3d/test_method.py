@@ -54,7 +54,7 @@ def test_the_defaults_are_those_of_the_paper():
     [
         ({"sh_degree": 5}, "sh_degree=5: expected a number from 0 to 4."),
         ({"ssim_weight": 1.5}, "ssim_weight=1.5: expected a number from 0 to 1."),
-        ({"init_opacity": 1.0}, "init_opacity=1: expected a number between 0 and 1."),
+        ({"init_opacity": 1.0}, "init_opacity=1: expected a number above 0 and below 1."),
         ({"init_scale": 0.0}, "init_scale=0: expected a number above 0."),
         ({"random_points": 0}, "random_points=0: expected auto, or a number of at least 1."),
         ({"steps": 0}, "steps=0: expected a number of at least 1."),

@@ -73,7 +73,7 @@ def test_features_ask_for_six_extra_channels():
         ({"motion_order": 6}, "motion_order=6: expected a number from 1 to 5."),
         ({"motion_start": -1}, "motion_start=-1: expected a number of at least 0."),
         ({"motion_every": 0}, "motion_every=0: expected a number of at least 1."),
-        ({"motion_tolerance": 1.0}, "motion_tolerance=1: expected a number between 0 and 1."),
+        ({"motion_tolerance": 1.0}, "motion_tolerance=1: expected a number above 0 and below 1."),
         ({"init_duration": 0.0}, "init_duration=0: expected a number above 0 and at most 10."),
         ({"lifetime_reg": -1.0}, "lifetime_reg=-1: expected a number of at least 0."),
         ({"sh_degree": 5}, "sh_degree=5: expected a number from 0 to 4."),
