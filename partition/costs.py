@@ -30,7 +30,7 @@ class CostRule:
     """Views that see a point: so many show the same surface."""
     all_points: int
     """Points of the data set."""
-    cache_mb: float
+    cache_mb: int
     """Limit of decoded images."""
 
     def of(self, views: int, points: int) -> Costs:

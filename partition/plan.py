@@ -62,7 +62,7 @@ class Plan:
     """True if the tracks of the reconstruction said what views see."""
 
 
-def make_plan(data: Capture, wishes: Wishes, cache_mb: float) -> Plan:
+def make_plan(data: Capture, wishes: Wishes, cache_mb: int) -> Plan:
     """Cut the scene of a capture.
 
     Raises:

@@ -53,7 +53,7 @@ def test_a_checkpoint_holds_the_tensors_and_moments_of_the_optimizer():
 
 
 def test_memory_is_that_by_which_scenes_are_cut():
-    rule = CostRule(pixels=100, views_per_point=2.0, all_points=5000, cache_mb=0.0)
+    rule = CostRule(pixels=100, views_per_point=2.0, all_points=5000, cache_mb=0)
     costs = rule.of(views=2, points=5000)
     assert costs.memory_mb == pytest.approx(formulas.memory_bytes(costs.gaussians, 5000) / 1e6)
 
