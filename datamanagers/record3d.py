@@ -102,10 +102,7 @@ def _count(content: JsonFields) -> int:
     """
     poses = content.values.get("poses")
     if not isinstance(poses, list) or not poses:
-        raise DataError(
-            f"{content.at}: there is no list of poses.",
-            "Export the recording from Record3D again.",
-        )
+        raise content.refuse("poses", "a list of poses")
     return len(poses)
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -70,23 +70,13 @@ class JsonFields:
         return name in self.values
 
     def refuse(self, name: str, expected: str) -> DataError:
-        """The error for a value."""
+        """The error for a value, or for its absence."""
         part = f" of its {self.document}" if self.document else ""
-        return DataError(
-            f"{self.path}: {self._place(name)}{part}: expected {expected}, "
-            f"found {_shown(self.values.get(name))}.",
-            self.remedy,
-        )
-
-    def _find(self, name: str, default: object = None) -> Any:  # noqa: ANN401 - plain data of any kind
-        if name in self.values:
-            return self.values[name]
-        if default is None:
-            lacking = f"{self.at}: there is no {name}."
-            if self.document:
-                lacking = f"{self.path}: its {self.document} has no {self._place(name)}."
-            raise DataError(lacking, self.remedy)
-        return default
+        place = f"{self.path}: {self._place(name)}{part}"
+        if name not in self.values:
+            return DataError(f"{place} is missing; expected {expected}.", self.remedy)
+        found = _shown(self.values[name])
+        return DataError(f"{place}: expected {expected}, found {found}.", self.remedy)
 
     def _place(self, name: str) -> str:
         between = "." if self.document else ": "
@@ -94,21 +84,21 @@ class JsonFields:
 
     def text(self, name: str, default: str | None = None) -> str:
         """Text, which may be empty."""
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         if not isinstance(value, str):
             raise self.refuse(name, "text")
         return value
 
     def flag(self, name: str) -> bool:
         """True or false."""
-        value = self._find(name)
+        value = self.values.get(name)
         if not isinstance(value, bool):
             raise self.refuse(name, "true or false")
         return value
 
     def count(self, name: str, least: int = 0, default: int | None = None) -> int:
         """A whole number of at least ``least``."""
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         if not _is_whole(value) or not least <= value <= LARGEST_COUNT:
             raise self.refuse(name, f"a whole number of at least {least}")
         return int(value)
@@ -123,7 +113,7 @@ class JsonFields:
 
     def positive(self, name: str) -> float:
         """A finite number above 0."""
-        value = self._find(name)
+        value = self.values.get(name)
         if not _is_number(value) or not 0 < value < math.inf:
             raise self.refuse(name, "a number above 0")
         return float(value)
@@ -137,7 +127,7 @@ class JsonFields:
         """
         sides = " x ".join("any" if length < 0 else str(length) for length in shape)
         expected = f"{sides} finite numbers" if shape else "one finite number"
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         if not _has_shape(value, shape):
             raise self.refuse(name, expected)
         array = np.array(value, dtype=np.float64)
@@ -147,25 +137,27 @@ class JsonFields:
 
     def is_null(self, name: str) -> bool:
         """True if there is no value under this name."""
-        return self._find(name) is None
+        if name not in self.values:
+            raise self.refuse(name, "a value, or null")
+        return self.values[name] is None
 
     def texts(self, name: str, default: list[str] | None = None) -> list[str]:
         """A list of texts."""
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise self.refuse(name, "a list of texts")
         return value
 
     def fields(self, name: str, default: Mapping[str, Any] | None = None) -> JsonFields:
         """An object."""
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         if not isinstance(value, dict):
             raise self.refuse(name, "an object")
         return replace(self, where=self._place(name), values=value)
 
     def objects(self, name: str, default: list[Any] | None = None) -> list[JsonFields]:
         """A list of objects."""
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.refuse(name, "a list of objects")
         return [
@@ -175,7 +167,7 @@ class JsonFields:
 
     def indices(self, name: str, length: int, default: list[int] | None = None) -> list[int]:
         """Numbers of items of a list with this length."""
-        value = self._find(name, default)
+        value = self.values.get(name, default)
         is_list = isinstance(value, list)
         if not is_list or not all(_is_whole(item) and 0 <= item < length for item in value):
             raise self.refuse(name, f"numbers from 0 to {length - 1}")
@@ -197,11 +189,11 @@ def _shown(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
-def _is_whole(value: object) -> bool:
+def _is_whole(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     small = not isinstance(value, int) or abs(value) <= sys.float_info.max
     return isinstance(value, int | float) and not isinstance(value, bool) and small
 

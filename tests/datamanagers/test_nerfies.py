@@ -189,7 +189,11 @@ def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
         ("dataset.json", '{"train_ids": 3}', r"train_ids: expected a list of texts, found 3"),
         ("dataset.json", "{}", r"dataset\.json lists no frames"),
         ("metadata.json", "{}", r"metadata\.json does not have left1_000000"),
-        ("metadata.json", '{"left1_000000": {}}', r"left1_000000: there is no time_id"),
+        (
+            "metadata.json",
+            '{"left1_000000": {}}',
+            r"left1_000000: time_id is missing; expected a whole number of at least 0",
+        ),
         ("metadata.json", '{"left1_000000": 3}', r"left1_000000: expected an object, found 3"),
         ("metadata.json", '{"left1_000000": {"time_id": 1.5}}', r"a whole number .*, found 1\.5"),
         ("metadata.json", '{"left1_000000": {"time_id": true}}', r"a whole number .*, found True"),

@@ -157,7 +157,7 @@ def test_missing_images_are_noted(tmp_path):
         (scene(extrinsics=[]), "none of its 4 views has a pose."),
         (scene(intrinsics=[]), "id_intrinsic: expected a key of intrinsics, found 0."),
         (scene(extrinsics=[{"key": 0, "value": {"center": [0, 0, 0]}}]),
-         "view view_000.png: there is no rotation."),
+         "view view_000.png: rotation is missing; expected 3 x 3 finite numbers."),
         (scene(BASE | {"principal_point": [1]}), "principal_point: expected 2 finite numbers"),
         (scene(BASE | {"focal_length": "50mm"}), "focal_length: expected one finite number"),
         (scene(BASE | {"disto_k3": [1, 2]}), "disto_k3: expected 3 finite numbers, found [1, 2]."),

@@ -91,7 +91,7 @@ def test_missing_images_are_noted(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"fx": None}, "view_000.json: there is no fx."),
+        ({"fx": None}, "view_000.json: fx is missing; expected one finite number."),
         ({"cy": "middle"}, "view_000.json: cy: expected one finite number, found 'middle'."),
         ({"t_03": True}, "view_000.json: t_03: expected one finite number, found True."),
         ({"t_00": 3.0}, "view_000.json: the pose (transform_matrix) is not rigid"),

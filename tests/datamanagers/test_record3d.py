@@ -81,10 +81,10 @@ def test_missing_images_are_noted(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"poses": None}, "metadata.json: there is no list of poses."),
+        ({"poses": None}, "metadata.json: poses is missing; expected a list of poses."),
         ({"poses": [[0.0] * 6] * 4}, "image 0: pose: expected 7 finite numbers, found [0.0, 0.0"),
         ({"poses": [[1, 1, 0, 1, 0, 0, 0]] * 4}, "image 0: the pose (transform_matrix) is not"),
-        ({"K": None}, "image 0: there is no K."),
+        ({"K": None}, "image 0: K is missing; expected 9 finite numbers."),
         ({"w": "wide"}, "image 0: w: expected one finite number, found 'wide'."),
         ({"K": [-1.0] * 9}, "is no camera."),
     ],

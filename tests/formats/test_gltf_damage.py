@@ -47,7 +47,7 @@ POSITION_AT, SCALE_AT = f"{AT}.attributes.POSITION", f"{AT}.attributes.{SPLATTIN
             4,
             f"{AT}.attributes has 2 SH coefficients, expected 1, 4, 9 or 16.",
         ),
-        (SCALE, None, f"FILE: its JSON has no {SCALE_AT.removeprefix('FILE: ')}."),
+        (SCALE, None, f"{SCALE_AT} of its JSON is missing; expected a whole number"),
         (SCALE, 1, f"{SCALE_AT}: expected VEC3 of bytes, shorts or floats, found VEC4 of comp"),
         (SCALE, 99, f"{SCALE_AT} is accessor 99, which there is not."),
         (("accessors", 2, "bufferView"), None, f"{SCALE_AT} is stored sparsely, or compressed"),

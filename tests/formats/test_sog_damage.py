@@ -68,7 +68,7 @@ def set_in(meta, place, value):
 
 
 WRONG = [
-    ("count", None, "FILE: its header has no count."),
+    ("count", None, "FILE: count of its header is missing; expected a whole number"),
     ("count", "many", "FILE: count of its header: expected a whole number of at least 1, found"),
     ("count", 0, "FILE: count of its header: expected a whole number of at least 1, found 0."),
     ("count", 321, "FILE: its image means_l.webp is 12 x 8; 321 texels are described."),
@@ -91,7 +91,7 @@ WRONG = [
     ("quats.files", ["other.webp"], "FILE: there is no other.webp, which belongs to it."),
     ("scales.codebook", [1.0], "FILE: scales.codebook of its header: expected 256 finite numbers"),
     ("scales.codebook", [[0.0]] * 256, "FILE: scales.codebook of its header: expected 256 finite"),
-    ("scales.codebook", None, "FILE: its header has no scales.codebook."),
+    ("scales.codebook", None, "FILE: scales.codebook of its header is missing; expected 256 "),
     ("sh0", None, "FILE is no SOG: its meta.json has no means, scales, quats, sh0 with files."),
     ("shN.bands", 4, "FILE: expected SH of degree 0 to 3 and up to 65536 vectors of"),
     ("shN.bands", 2, "FILE: its image shN_centroids.webp is 192 texels wide, which belongs to no"),
@@ -118,7 +118,7 @@ def test_legacy_descriptions_are_checked_too(tmp_path, parts):
     for key, sides in (("scales", 3), ("sh0", 4), ("shN", 3)):
         legacy[key] |= {"mins": [0.0] * sides, "maxs": [1.0] * sides}
     path = tmp_path / "a.sog"
-    assert "its header has no means.shape" in refusal(packed(path, legacy, files))
+    assert "means.shape of its header is missing" in refusal(packed(path, legacy, files))
     for shape in ([], [0, 3], [2.5, 3]):
         said = refusal(packed(path, set_in(legacy, "means.shape", shape), files))
         assert "means.shape: expected the number of splats" in said

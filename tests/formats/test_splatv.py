@@ -206,7 +206,7 @@ SPLAT = {"type": "splat", "size": 65536, "texwidth": 4096, "texheight": 1}
         (header({"type": "splat"}), "expected a list of parts"),
         (header([3]), "expected a list of parts"),
         (header([]), "no part of type 'splat'"),
-        (header([{"type": "splat"}]), r"no parts\[0\].size"),
+        (header([{"type": "splat"}]), r"parts\[0\].size of its header is missing"),
         (header([{**SPLAT, "size": -16}]), "expected a whole number"),
         (header([{**SPLAT, "size": 2**50}]), "announces 4096 texels"),
         (header([{**SPLAT, "texheight": 2**40, "size": 2**56}]), "expected a whole number"),

@@ -93,8 +93,8 @@ def test_an_unknown_block_is_refused_with_the_known_ones(cut):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda d: d.pop("ground"), "no ground"),
-        (lambda d: d.pop("data_from_here"), "no data_from_here"),
+        (lambda d: d.pop("ground"), "ground of its content is missing"),
+        (lambda d: d.pop("data_from_here"), "data_from_here of its content is missing"),
         (lambda d: d["ground"].update(axes=[[1, 0, 0]] * 3), "three orthonormal vectors"),
         (lambda d: d["blocks"][0].update(train=[]), "names of at least one view"),
         (lambda d: d["blocks"][0].update(cell={"first_from": "x"}), "one finite number"),
