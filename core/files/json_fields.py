@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -114,7 +113,7 @@ class JsonFields:
     def positive(self, name: str) -> float:
         """A finite number above 0."""
         value = self.values.get(name)
-        if not _is_number(value) or not 0 < value < math.inf:
+        if not _is_number(value) or value <= 0:
             raise self.refuse(name, "a number above 0")
         return float(value)
 
@@ -125,15 +124,24 @@ class JsonFields:
 
         The result is one number per element: never a broadcast, never parsed text.
         """
+        value = self.values.get(name, default)
+        wrong = _wrong_part(value, shape)
+        if wrong is not None:
+            raise self._refuse_numbers(name, wrong, shape[len(wrong) :])
+        return np.array(value, dtype=np.float64)
+
+    def _refuse_numbers(
+        self, name: str, indices: Sequence[int], shape: tuple[int, ...]
+    ) -> DataError:
+        """The error for numbers, or for the item of them that is none."""
         sides = " x ".join("any" if length < 0 else str(length) for length in shape)
         expected = f"{sides} finite numbers" if shape else "one finite number"
-        value = self.values.get(name, default)
-        if not _has_shape(value, shape):
-            raise self.refuse(name, expected)
-        array = np.array(value, dtype=np.float64)
-        if not np.isfinite(array).all():
-            raise self.refuse(name, expected)
-        return array
+        if not indices:
+            return self.refuse(name, expected)
+        value = self.values[name]
+        for index in indices:
+            name, value = f"{name}[{index}]", value[index]
+        return replace(self, values={name: value}).refuse(name, expected)
 
     def is_null(self, name: str) -> bool:
         """True if there is no value under this name."""
@@ -194,13 +202,20 @@ def _is_whole(value: object) -> TypeGuard[int]:
 
 
 def _is_number(value: object) -> TypeGuard[float]:
-    small = not isinstance(value, int) or abs(value) <= sys.float_info.max
-    return isinstance(value, int | float) and not isinstance(value, bool) and small
-
-
-def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
-    if not shape:
-        return _is_number(value)
-    if not isinstance(value, list) or shape[0] not in (-1, len(value)):
+    """True for a number that a float holds: neither NaN nor infinite, of any kind but bool."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
         return False
-    return all(_has_shape(item, shape[1:]) for item in value)
+    return abs(value) <= sys.float_info.max
+
+
+def _wrong_part(value: object, shape: tuple[int, ...]) -> list[int] | None:
+    """Indices of the first item that is no such list or number; ``None`` if there is none."""
+    if not shape:
+        return None if _is_number(value) else []
+    if not isinstance(value, list) or shape[0] not in (-1, len(value)):
+        return []
+    for index, item in enumerate(value):
+        wrong = _wrong_part(item, shape[1:])
+        if wrong is not None:
+            return [index, *wrong]
+    return None

@@ -235,13 +235,21 @@ def test_times_are_normalised_and_their_range_is_kept(folder):
 
 
 @pytest.mark.parametrize(
-    "pose", [None, [[1, 2], [3, 4]], "none", [[1, 2, 3, "x"]] * 4, [[1, 2, 3, float("nan")]] * 4]
+    ("pose", "expected"),
+    [
+        (None, ": expected 3 or 4 rows of 4 finite numbers, found nothing."),
+        ([[1, 2], [3, 4]], ": expected 3 or 4 rows of 4 finite numbers, found [[1, 2], [3, 4]]."),
+        ("none", ": expected 3 or 4 rows of 4 finite numbers, found 'none'."),
+        ([[1, 2]] * 3, "[0]: expected 4 finite numbers, found [1, 2]."),
+        ([[1, 2, 3, "x"]] * 4, "[0][3]: expected one finite number, found 'x'."),
+        ([[1, 2, 3, np.nan]] * 4, "[0][3]: expected one finite number, found nan."),
+        ([[1.25] * 4] * 2 + [[1.25, -np.inf] * 2], "[2][1]: expected one finite number, found -i"),
+    ],
 )
-def test_a_frame_without_a_pose_is_named(folder, pose):
+def test_a_frame_without_a_pose_is_named_with_what_is_wrong(folder, pose, expected):
     path = write(folder, [{"transform_matrix": pose}, {}, {}, {}])
-    assert str(failure(folder)).startswith(
-        f"{path}: frame view_000.png: transform_matrix: expected 4 x 4 finite numbers, found "
-    )
+    said = str(failure(folder))
+    assert said.startswith(f"{path}: frame view_000.png: transform_matrix{expected}")
 
 
 FISHEYE = {"camera_model": "OPENCV_FISHEYE", "k1": 0.02, "k2": -0.01}

@@ -86,7 +86,7 @@ POSITION_AT, SCALE_AT = f"{AT}.attributes.POSITION", f"{AT}.attributes.{SPLATTIN
         (
             ("nodes", 0, "scale"),
             [1, math.inf, 1],
-            "FILE: nodes[0].scale of its JSON: expected 3 finite numbers, foun",
+            "FILE: nodes[0].scale[1] of its JSON: expected one finite number, found inf.",
         ),
         (("nodes",), 5, "FILE: nodes of its JSON: expected a list of objects, found 5."),
         (

@@ -106,7 +106,7 @@ def test_cameras_of_version_0_1_0_had_two_more_entries(tmp_path):
             "scene.world_from_scene.rotation of its header: expected 3 x 3 finite numbers, found",
         ),
         ("render.profile", "x", "render.profile of its header: expected default, gsplat-1.5, foun"),
-        ("render.background", ["1", 1, 1], "render.background of its header: expected 3 finite n"),
+        ("render.background", ["1", 1, 1], "render.background[0] of its header: expected one fini"),
         ("cameras", {}, "cameras of its header: expected a list of objects, found {}."),
         ("cameras", [], "its header has no cameras that it was trained on."),
         ("cameras.0.width", 0, "cameras[0].width of its header: expected a whole number of at le"),
