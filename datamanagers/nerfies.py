@@ -127,8 +127,8 @@ def _splits(path: Path) -> tuple[dict[str, Split | None], tuple[str, ...]]:
 
 
 def _first(entry: JsonFields, *names: str) -> str:
-    """The first of some names that the entry has."""
-    return next((name for name in names if name in entry), names[0])
+    """The first of some names that the entry has; all of them, for a message, if it has none."""
+    return next((name for name in names if name in entry), " or ".join(names))
 
 
 def _image(folder: Path, name: str) -> Path | None:

@@ -192,7 +192,7 @@ def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
         (
             "metadata.json",
             '{"left1_000000": {}}',
-            r"left1_000000: time_id is missing; expected a whole number of at least 0",
+            r"left1_000000: time_id or warp_id is missing; expected a whole number of at least 0",
         ),
         ("metadata.json", '{"left1_000000": 3}', r"left1_000000: expected an object, found 3"),
         ("metadata.json", '{"left1_000000": {"time_id": 1.5}}', r"a whole number .*, found 1\.5"),
