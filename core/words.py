@@ -51,9 +51,9 @@ def counted(count: int, noun: str, plural: str = "") -> str:
 
 
 def brief(number: int | float, digits: int = 4) -> str:
-    """A number in few characters, rounded to some digits: "950", "12.3k", "4.56M"."""
+    """A number in few characters, rounded to some digits: "950", "12.3k", "4.56M", "2.5G"."""
     number = float(f"{number:.{digits}g}")
-    for unit, letter in ((1e6, "M"), (1e3, "k")):
+    for unit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if abs(number) >= unit:
             return f"{number / unit:.{digits}g}{letter}"
     return f"{number:.{digits}g}"

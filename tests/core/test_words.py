@@ -82,10 +82,10 @@ def test_counts_have_a_singular_and_a_plural():
     assert [counted(count, "lens", "lenses") for count in (1, 2)] == ["1 lens", "2 lenses"]
 
 
-def test_brief_numbers_have_a_letter_for_thousands_and_millions():
-    numbers = (0.05, 200.0, 20_000, 12_351, -2.5e6, 999_960)
+def test_brief_numbers_have_a_letter_for_thousands_millions_and_billions():
+    numbers = (0.05, 200.0, 20_000, 12_351, -2.5e6, 999_960, 2.5e9, 999_960_000)
     assert [brief(number) for number in numbers] == [
-        "0.05", "200", "20k", "12.35k", "-2.5M", "1M",
+        "0.05", "200", "20k", "12.35k", "-2.5M", "1M", "2.5G", "1G",
     ]  # fmt: skip
     assert [brief(number, 3) for number in (950, 12_345, 999_600)] == ["950", "12.3k", "1M"]
 
