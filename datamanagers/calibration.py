@@ -16,12 +16,13 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
 from gsfw.core.files.toml_text import parsed_toml
 from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import pose_from_center, pose_from_opencv
+from gsfw.datamanagers.poses import pose_from_center, pose_from_opencv, read_rows
 from gsfw.datamanagers.xml_file import read_xml
 
 if TYPE_CHECKING:
@@ -64,7 +65,10 @@ def read_calibration(file: Path) -> list[CalibratedCamera]:
     if file.name.lower().endswith((".qca.txt", ".xml")):
         cameras = _qualisys(file)
     else:
-        cameras = [_opencv(name, entry, file) for name, entry in _entries(file).items()]
+        cameras = [
+            _opencv(name, JsonFields.of(entry, file, f"camera {name}"))
+            for name, entry in _entries(file).items()
+        ]
     if not cameras:
         raise DataError(
             f"{file} contains no cameras.",
@@ -79,9 +83,7 @@ def _entries(file: Path) -> dict[str, Mapping[str, Any]]:
     try:
         content = _parse(file)
     except (OSError, ValueError, RecursionError) as error:
-        raise DataError(
-            f"{file} cannot be read: {error}", "Write the file again; it may have been cut off."
-        ) from error
+        raise DataError(f"{file} cannot be read: {error}.", COPY_AGAIN) from error
     if isinstance(content, dict) and isinstance(content.get("cameras"), list | dict):
         content = content["cameras"]
     if isinstance(content, list):
@@ -105,12 +107,11 @@ def _parse(file: Path) -> Any:  # noqa: ANN401 - whatever the file holds
     return parsed_toml(file.read_text("utf-8-sig"))
 
 
-def _opencv(name: str, entry: Mapping[str, Any], file: Path) -> CalibratedCamera:
+def _opencv(name: str, entry: JsonFields) -> CalibratedCamera:
     """A camera with OpenCV's numbers."""
-    where = f"camera {name} of {file}"
-    matrix = _array(entry, MATRIX_KEYS, ((3, 3),), where)
-    width, height = _size(entry, where)
-    model, distortion = _distortion(entry, where)
+    matrix = entry.numbers(entry.first(*MATRIX_KEYS), 3, 3)
+    width, height = _size(entry)
+    model, distortion = _distortion(entry)
     lens = Lens(
         fx=float(matrix[0, 0]),
         fy=float(matrix[1, 1]),
@@ -118,32 +119,31 @@ def _opencv(name: str, entry: Mapping[str, Any], file: Path) -> CalibratedCamera
         cy=float(matrix[1, 2]) + HALF,
         width=width,
         height=height,
-        source=where,
+        source=entry.at,
         model=model,
         distortion=distortion,
     )
     lens.check()
-    return CalibratedCamera(name, lens, pose_from_opencv(_pose(entry, where), where))
+    return CalibratedCamera(name, lens, pose_from_opencv(_pose(entry), entry.at))
 
 
-def _size(entry: Mapping[str, Any], where: str) -> tuple[int, int]:
-    for width, height in SIZE_KEYS:
-        if width in entry and height in entry:
-            entry = {"size": [entry[width], entry[height]]}
+def _size(entry: JsonFields) -> tuple[int, int]:
+    for keys in SIZE_KEYS:
+        if all(key in entry for key in keys):
+            width, height = (entry.number(key) for key in keys)
             break
-    size = _array(entry, SIZE_LISTS, ((2,),), where)
-    if not size.isfinite().all():
-        raise DataError(f"{where}: its size is {size.tolist()}; expected 2 finite numbers.")
-    return round(float(size[0])), round(float(size[1]))
+    else:
+        width, height = entry.numbers(entry.first(*SIZE_LISTS), 2).tolist()
+    return round(width), round(height)
 
 
-def _distortion(entry: Mapping[str, Any], where: str) -> tuple[str, tuple[float, ...]]:
+def _distortion(entry: JsonFields) -> tuple[str, tuple[float, ...]]:
     """COLMAP's model and parameters, from OpenCV's k1, k2, p1, p2, k3, k4, k5, k6."""
-    if not any(key in entry for key in DISTORTION_KEYS):
+    key = entry.first(*DISTORTION_KEYS)
+    if key not in entry:
         return "PINHOLE", ()
-    shapes = ((0,), (4,), (5,), (8,))
-    found = tuple(_array(entry, DISTORTION_KEYS, shapes, where).tolist())
-    if entry.get("fisheye") is True:
+    found = tuple(entry.numbers_of(key, ((0,), (4,), (5,), (8,))).tolist())
+    if entry.values.get("fisheye") is True:
         return "OPENCV_FISHEYE", (*found, *[0.0] * (4 - len(found)))[:4]
     if not any(found):
         return "PINHOLE", ()
@@ -152,32 +152,19 @@ def _distortion(entry: Mapping[str, Any], where: str) -> tuple[str, tuple[float,
     return "FULL_OPENCV", (*found, *[0.0] * (8 - len(found)))
 
 
-def _pose(entry: Mapping[str, Any], where: str) -> Float64[Tensor, "r 4"]:
+def _pose(entry: JsonFields) -> Float64[Tensor, "r 4"]:
     """World-to-camera: whole, or a rotation (matrix, or Rodrigues' vector) and a translation."""
-    if any(key in entry for key in POSE_KEYS):
-        return _array(entry, POSE_KEYS, ((3, 4), (4, 4)), where)
-    rotation = _array(entry, ROTATION_KEYS, ((3, 3), (3,), (3, 1), (1, 3)), where)
-    translation = _array(entry, TRANSLATION_KEYS, ((3,), (3, 1), (1, 3)), where)
+    whole = entry.first(*POSE_KEYS)
+    if whole in entry:
+        return read_rows(entry, whole)
+    vectors = ((3,), (3, 1), (1, 3))
+    rotation, translation = (
+        torch.from_numpy(entry.numbers_of(entry.first(*keys), shapes))
+        for keys, shapes in ((ROTATION_KEYS, ((3, 3), *vectors)), (TRANSLATION_KEYS, vectors))
+    )
     if rotation.numel() == 3:
         rotation = rotation_vector_matrices(rotation.view(1, 3))[0]
     return torch.cat([rotation, translation.reshape(3, 1)], dim=1)
-
-
-def _array(
-    entry: Mapping[str, Any], keys: tuple[str, ...], shapes: tuple[tuple[int, ...], ...], where: str
-) -> Tensor:
-    """The first of some settings that there is."""
-    key = next((key for key in keys if key in entry), None)
-    if key is None:
-        raise DataError(f"{where} has no {keys[0]} (looked for {', '.join(keys)}).")
-    try:
-        numbers = torch.tensor(entry[key], dtype=torch.float64)
-    except (TypeError, ValueError, RuntimeError, OverflowError):
-        numbers = torch.empty(0, 0, dtype=torch.float64)
-    if tuple(numbers.shape) not in shapes:
-        expected = " or ".join("x".join(map(str, shape)) for shape in shapes if shape != (0,))
-        raise DataError(f"{where}: {key} is {entry[key]!r}; expected {expected} numbers.")
-    return numbers
 
 
 def _qualisys(file: Path) -> list[CalibratedCamera]:
@@ -188,7 +175,7 @@ def _qualisys(file: Path) -> list[CalibratedCamera]:
 
 def _qualisys_camera(node: Element, file: Path) -> CalibratedCamera:
     name = node.get("serial", "?")
-    where = f"camera {name} of {file}"
+    where = f"{file}: camera {name}"
     _check_upright(node, where)
     view = _attributes(node, "fov_video", ("left", "top", "right", "bottom"), where)
     k = _attributes(

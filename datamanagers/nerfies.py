@@ -71,7 +71,7 @@ def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
     metadata = JsonFields.read(folder / "metadata.json")
     entries = {name: metadata.fields(name) for name in metadata.values}
     times = {
-        name: entry.count(_first(entry, "time_id", "warp_id")) for name, entry in entries.items()
+        name: entry.count(entry.first("time_id", "warp_id")) for name, entry in entries.items()
     }
     frames, missing = [], []
     for name, split in splits.items():
@@ -126,11 +126,6 @@ def _splits(path: Path) -> tuple[dict[str, Split | None], tuple[str, ...]]:
     return splits, (note,) if left_out else ()
 
 
-def _first(entry: JsonFields, *names: str) -> str:
-    """The first of some names that the entry has; all of them, for a message, if it has none."""
-    return next((name for name in names if name in entry), " or ".join(names))
-
-
 def _image(folder: Path, name: str) -> Path | None:
     candidates = (folder / f"{name}{end}" for end in EXTENSIONS)
     return next((path for path in candidates if is_file(path)), None)
@@ -158,7 +153,7 @@ def _lens(content: JsonFields) -> Lens:
     cx, cy = content.numbers("principal_point", 2).tolist()
     width, height = content.numbers("image_size", 2).tolist()
     k1, k2, k3 = content.numbers("radial_distortion", 3, default=[0.0] * 3).tolist()
-    tangential = _first(content, "tangential_distortion", "tangential")
+    tangential = content.first("tangential_distortion", "tangential")
     p1, p2 = content.numbers(tangential, 2, default=[0.0] * 2).tolist()
     if skew != 0:
         raise DataError(

@@ -31,10 +31,7 @@ def read_rows(entry: JsonFields, name: str) -> Float64[Tensor, "r 4"]:
     Raises:
         DataError: it is missing, or something else.
     """
-    rows = entry.values.get(name)
-    if not isinstance(rows, list) or len(rows) not in (3, 4):
-        raise entry.refuse(name, "3 or 4 rows of 4 finite numbers")
-    return torch.from_numpy(entry.numbers(name, len(rows), 4))
+    return torch.from_numpy(entry.numbers_of(name, ((3, 4), (4, 4))))
 
 
 def pose_from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:

@@ -124,24 +124,32 @@ class JsonFields:
 
         The result is one number per element: never a broadcast, never parsed text.
         """
-        value = self.values.get(name, default)
-        wrong = _wrong_part(value, shape)
-        if wrong is not None:
-            raise self._refuse_numbers(name, wrong, shape[len(wrong) :])
-        return np.array(value, dtype=np.float64)
+        return self.numbers_of(name, (shape,), default)
 
-    def _refuse_numbers(
-        self, name: str, indices: Sequence[int], shape: tuple[int, ...]
-    ) -> DataError:
-        """The error for numbers, or for the item of them that is none."""
-        sides = " x ".join("any" if length < 0 else str(length) for length in shape)
-        expected = f"{sides} finite numbers" if shape else "one finite number"
+    def numbers_of(
+        self,
+        name: str,
+        shapes: Sequence[tuple[int, ...]],
+        default: float | Sequence[float] | None = None,
+    ) -> np.ndarray:
+        """Finite numbers of one of these shapes, as ``numbers`` reads those of one."""
+        value = self.values.get(name, default)
+        wrong = [_wrong_part(value, shape) for shape in shapes]
+        paths = [path for path in wrong if path is not None]
+        if len(paths) < len(wrong):
+            return np.array(value, dtype=np.float64)
+        # The shape that fits furthest is the one that was meant.
+        indices = max(paths, key=len)
         if not indices:
-            return self.refuse(name, expected)
-        value = self.values[name]
+            raise self.refuse(name, _numbers_of(shapes))
         for index in indices:
             name, value = f"{name}[{index}]", value[index]
-        return replace(self, values={name: value}).refuse(name, expected)
+        rest = shapes[paths.index(indices)][len(indices) :]
+        raise replace(self, values={name: value}).refuse(name, _numbers_of((rest,)))
+
+    def first(self, *names: str) -> str:
+        """The first of some names that there is; all of them, for a message, if there is none."""
+        return next((name for name in names if name in self), " or ".join(names))
 
     def is_null(self, name: str) -> bool:
         """True if there is no value under this name."""
@@ -195,6 +203,14 @@ BROKEN = JsonFields.remedy
 def _shown(value: object) -> str:
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def _numbers_of(shapes: Sequence[tuple[int, ...]]) -> str:
+    """Numbers of one of these shapes, in words."""
+    sides = [
+        " x ".join("any" if length < 0 else str(length) for length in shape) for shape in shapes
+    ]
+    return f"{' or '.join(sides)} finite numbers" if any(sides) else "one finite number"
 
 
 def _is_whole(value: object) -> TypeGuard[int]:

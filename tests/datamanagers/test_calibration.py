@@ -120,7 +120,7 @@ def test_qualisys_files_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"viewrotation": 90}, r"camera cam00 of .*a\.qca\.txt is turned by 90 degrees"),
+        ({"viewrotation": 90}, r"a\.qca\.txt: camera cam00 is turned by 90 degrees"),
         ({"viewrotation": "up"}, r"viewrotation is 'up'; expected degrees"),
         ({"fu": "wide"}, r"its intrinsic lacks one of focalLengthU, focalLengthV"),
     ],
@@ -133,18 +133,27 @@ def test_qualisys_files_that_cannot_be_used_are_refused(tmp_path, settings, mess
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"K": None}, r"camera cam00 of .* has no K \(looked for K, matrix"),
-        ({"K": [[1.0]]}, r"K is \[\[1\.0\]\]; expected 3x3 numbers"),
-        ({"w": None}, r"has no size"),
-        ({"w": "wide"}, r"size is \['wide', 48\]; expected 2 numbers"),
-        ({"w2c": None}, r"has no rotation"),
+        (
+            {"K": None},
+            r"cameras\.json: camera cam00: K or matrix or .* is missing; expected 3 x 3 finite",
+        ),
+        ({"K": [[1.0]]}, r"K: expected 3 x 3 finite numbers, found \[\[1\.0\]\]"),
+        ({"w": None}, r"size or .* is missing; expected 2 finite"),
+        ({"w": "wide"}, r"w: expected one finite number, found 'wide'"),
+        ({"w2c": None}, r"rotation or R or rvec is missing; expected 3 x 3 or 3 or 3 x 1 or 1 x 3"),
         ({"w2c": np.diag([1.0, 1, -1, 1]).tolist()}, r"the pose is mirrored"),
-        ({"w2c": np.diag([1.0, 1, np.inf, 1]).tolist()}, r"the pose has numbers that are not fin"),
-        ({"dist": [0.1, 0.2]}, r"dist is \[0\.1, 0\.2\]; expected 4 or 5 or 8 numbers"),
+        (
+            {"w2c": np.diag([1.0, 1, np.inf, 1]).tolist()},
+            r"w2c\[2\]\[2\]: expected one finite number, found inf",
+        ),
+        (
+            {"dist": [0.1, 0.2]},
+            r"dist: expected 0 or 4 or 5 or 8 finite numbers, found \[0\.1, 0\.2\]",
+        ),
         ({"w": 0}, r"is no camera"),
-        ({"w": np.inf}, r"its size is \[inf, 48\.0\]; expected 2 finite numbers"),
-        ({"w": None, "size": [WIDTH, np.nan]}, r"its size is \[64\.0, nan\]; expected 2 finite"),
-        ({"w": 10**400}, r"size is \[10+, 48\]; expected 2 numbers"),
+        ({"w": np.inf}, r"w: expected one finite number, found inf"),
+        ({"w": None, "size": [WIDTH, np.nan]}, r"size\[1\]: expected one finite number, found nan"),
+        ({"w": 10**400}, r"w: expected one finite number, found 10+"),
     ],
 )
 def test_cameras_that_are_none_are_refused(tmp_path, settings, message):

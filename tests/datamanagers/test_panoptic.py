@@ -143,7 +143,7 @@ def test_images_that_are_not_on_disk_are_left_out(tmp_path):
         ({"cam_id": [[10, "left", 13]] * TIMES}, r"cam_id holds 'left'; expected whole numbers"),
         ({"cam_id": [[10, 11.5, 13]] * TIMES}, r"cam_id holds 11\.5; expected whole numbers"),
         ({"w": "wide"}, r"train_meta\.json: 10/000000\.jpg: w: expected one finite number"),
-        ({"w2c": [[[[1.0]]] * 3] * TIMES}, r"w2c: expected 3 or 4 rows of 4 finite numbers, found"),
+        ({"w2c": [[[[1.0]]] * 3] * TIMES}, r"w2c: expected 3 x 4 or 4 x 4 finite numbers, found"),
         ({"w2c": [[np.diag([2.0, 1, 1, 1]).tolist()] * 3] * TIMES}, r"the pose is not rigid"),
         ({"w": WIDTH + 8}, r"is 64x48 pixels, but .* describes 72x48"),
     ],

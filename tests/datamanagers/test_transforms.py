@@ -237,9 +237,9 @@ def test_times_are_normalised_and_their_range_is_kept(folder):
 @pytest.mark.parametrize(
     ("pose", "expected"),
     [
-        (None, ": expected 3 or 4 rows of 4 finite numbers, found nothing."),
-        ([[1, 2], [3, 4]], ": expected 3 or 4 rows of 4 finite numbers, found [[1, 2], [3, 4]]."),
-        ("none", ": expected 3 or 4 rows of 4 finite numbers, found 'none'."),
+        (None, ": expected 3 x 4 or 4 x 4 finite numbers, found nothing."),
+        ([[1, 2], [3, 4]], ": expected 3 x 4 or 4 x 4 finite numbers, found [[1, 2], [3, 4]]."),
+        ("none", ": expected 3 x 4 or 4 x 4 finite numbers, found 'none'."),
         ([[1, 2]] * 3, "[0]: expected 4 finite numbers, found [1, 2]."),
         ([[1, 2, 3, "x"]] * 4, "[0][3]: expected one finite number, found 'x'."),
         ([[1, 2, 3, np.nan]] * 4, "[0][3]: expected one finite number, found nan."),
