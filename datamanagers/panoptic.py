@@ -126,10 +126,7 @@ class _MetaFile:
             )
         for name in (name for inner in content["cam_id"] for name in inner):
             if type(name) is not int and not (isinstance(name, str) and name.isdecimal()):
-                raise DataError(
-                    f"{path}: cam_id holds {name!r}; expected whole numbers.",
-                    "Write the file again.",
-                )
+                raise JsonFields.of({"cam_id": name}, path).refuse("cam_id", "whole numbers")
         return _MetaFile(path, content)
 
     def __len__(self) -> int:

@@ -6,7 +6,6 @@ OpenGL axes. See https://docs.nerf.studio/quickstart/data_conventions.html.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 from gsfw.core.batch import Resampling
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.files.json_fields import JsonFields
+from gsfw.core.files.json_fields import CORRECT, JsonFields
 from gsfw.core.files.json_text import read_json
 from gsfw.core.files.reading import is_file
 from gsfw.datamanagers.frames import Frame
@@ -59,7 +58,7 @@ class TransformsFile:
                 'Expected {"frames": [{"file_path": ..., "transform_matrix": ...}, ...]}.',
             )
         if not frames:
-            raise DataError(f"{path}: its list of frames is empty.")
+            raise DataError(f"{path}: its list of frames is empty.", CORRECT)
         return TransformsFile(path, content)
 
     def frames(self, split: Split | None = None) -> tuple[list[Frame], list[str]]:
@@ -70,15 +69,15 @@ class TransformsFile:
         """
         frames, missing = [], []
         for index, entry in enumerate(self.content["frames"]):
-            name = entry.get("file_path")
-            if not isinstance(name, str) or not name:
-                raise DataError(f"{self.path}: frame {index} (counted from 0) has no file_path.")
-            name = plain_name(name)
+            numbered = JsonFields.of(entry, self.path, f"frame {index} (counted from 0)")
+            name = plain_name(numbered.text("file_path"))
+            if not name:
+                raise numbered.refuse("file_path", "the path of an image")
             image = self.find(name)
             if image is None:
                 missing.append(name)
                 continue
-            fields = JsonFields.of(entry, self.path, f"frame {name}")
+            fields = replace(numbered, where=f"frame {name}")
             frames.append(replace(self._frame(name, fields, image), split=split))
         return frames, missing
 
@@ -106,9 +105,9 @@ class TransformsFile:
         Raises:
             DataError: it is not a list of names.
         """
-        names = self.content.get(key) or []
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise DataError(f"{self.path}: {key} is not a list of file paths.")
+        if not self.content.get(key):
+            return frozenset()
+        names = JsonFields.of(self.content, self.path).texts(key)
         return frozenset(plain_name(name) for name in names)
 
     def find(self, name: str) -> Path | None:
@@ -176,9 +175,6 @@ def plain_name(file_path: str) -> str:
 def _camera(entry: JsonFields) -> int:
     """Number of the camera that a frame states; 0 if it states none."""
     index = entry.values.get(CAMERA_KEY, 0)
-    if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < MOST_CAMERAS:
-        raise DataError(
-            f"{entry.at}: {CAMERA_KEY} is {json.dumps(index)}.",
-            f"Expected the camera's number, counted from 0, or no {CAMERA_KEY} in any frame.",
-        )
+    if type(index) is not int or not 0 <= index < MOST_CAMERAS:
+        raise entry.refuse(CAMERA_KEY, f"the camera's number from 0 on, or no {CAMERA_KEY} at all")
     return index

@@ -111,10 +111,10 @@ def test_camera_indices_that_count_nothing_are_refused(folder, index):
     write(folder, [{"camera_index": index}, {}, {}, {}])
     with pytest.raises(DataError) as error:
         build(folder)
-    assert str(error.value) == (
-        f"{folder}/transforms.json: frame view_000.png: camera_index is "
-        f"{json.dumps(index)}.\n"
-        "Expected the camera's number, counted from 0, or no camera_index in any frame."
+    shown = "nothing" if index is None else repr(index)
+    assert error.value.message == (
+        f"{folder}/transforms.json: frame view_000.png: camera_index: expected the camera's "
+        f"number from 0 on, or no camera_index at all, found {shown}."
     )
 
 
@@ -390,14 +390,22 @@ def test_a_file_of_another_kind_is_refused(folder, content):
 def test_empty_frames_and_frames_without_a_path_are_refused(folder):
     path = folder / "transforms.json"
     path.write_text('{"frames": []}')
-    assert str(failure(folder)) == f"{path}: its list of frames is empty."
-    path.write_text('{"frames": [{"file_path": 3}]}')
-    assert str(failure(folder)) == f"{path}: frame 0 (counted from 0) has no file_path."
+    correct = "Correct the value, or export the file again."
+    assert str(failure(folder)) == f"{path}: its list of frames is empty.\n{correct}"
+    for frame, wrong in (
+        ("{}", " is missing; expected text."),
+        ('{"file_path": 3}', ": expected text, found 3."),
+        ('{"file_path": ""}', ": expected the path of an image, found ''."),
+    ):
+        path.write_text(f'{{"frames": [{frame}]}}')
+        said = f"{path}: frame 0 (counted from 0): file_path{wrong}\n{correct}"
+        assert str(failure(folder)) == said
 
 
 def test_a_list_of_names_has_to_be_one(folder):
     path = write(folder, train_filenames=[1, 2])
-    assert str(failure(folder)) == f"{path}: train_filenames is not a list of file paths."
+    said = f"{path}: train_filenames: expected a list of texts, found [1, 2]."
+    assert failure(folder).message == said
 
 
 def test_a_folder_without_the_file_is_refused(tmp_path):
