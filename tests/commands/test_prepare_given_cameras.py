@@ -1,6 +1,7 @@
 """`gsfw prepare` of data sets that have cameras: they are kept."""
 
 import json
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -34,12 +35,18 @@ def write_arc(folder, places=6):
 
 
 @pytest.fixture(scope="module")
-def arc(tmp_path_factory):
+def prepared(tmp_path_factory):
     """Such photos, and a data set that was made of them."""
     folder = tmp_path_factory.mktemp("arc")
     source, out = write_arc(folder / "a"), folder / "out"
     assert main(["prepare", str(source), f"out={out}"]) == 0
     return source, out
+
+
+@pytest.fixture
+def arc(prepared, tmp_path):
+    """The photos, and a copy of the data set that a test may write to."""
+    return prepared[0], copytree(prepared[1], tmp_path / "copy")
 
 
 def test_points_of_all_surfaces_are_written_beside_the_data_set(arc, tmp_path, capsys):
