@@ -22,6 +22,9 @@ A campaign tries promises at scale; this page lists them with the counts of the 
 `python campaigns` runs all campaigns and writes this page, `python campaigns NAME` runs one, and
 `python campaigns table` writes the page from the records in `campaigns/results/`. The tests run
 short forms of the campaigns, with planted defects that the campaigns must find.
+
+Figures and messages are those of the commit that a section names; later versions may word a message
+in another way.
 """
 
 
