@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from gsfw.core.config import AUTO
@@ -74,7 +74,14 @@ def group_cameras(images: ImageSet, rule: CameraRule) -> tuple[CameraGroup, ...]
     for shared in members.values():
         if shared[0].view is None:
             _check_one_size(shared, rule)
-    return tuple(_group(number, found, rule) for number, found in enumerate(members.values(), 1))
+    groups = [_group(number, found, rule) for number, found in enumerate(members.values(), 1)]
+    rigs: dict[int, int] = {}
+    return tuple(
+        group
+        if group.view is None
+        else replace(group, rig=rigs.setdefault(group.width, group.number))
+        for group in groups
+    )
 
 
 def _camera(image: SourceImage, cameras: str) -> Hashable:
@@ -165,8 +172,5 @@ class CameraGroup:
     """Names, in the order of the set."""
     view: int | None = None
     """Position in ``panorama_views.DIRECTIONS``, of a camera of views of panoramas."""
-
-    @property
-    def rig(self) -> int:
-        """Number of the rig: of the first camera of the same panoramas, or its own."""
-        return self.number - (self.view or 0)
+    rig: int | None = None
+    """Number of the first camera of the same panoramas; ``None`` for a camera of its own."""

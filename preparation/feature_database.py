@@ -58,6 +58,9 @@ class FeatureDatabase:
         self._groups: Mapping[str, CameraGroup] = {
             name: group for group in groups for name in group.images
         }
+        self._frames: dict[str, int] = {}
+        for image in images.images:
+            self._frames.setdefault(image.shot, self._numbers[image.name])
 
     def __enter__(self) -> FeatureDatabase:
         return self
@@ -93,24 +96,23 @@ class FeatureDatabase:
                 self._write_camera(group)
             image = pycolmap.Image(name=features.name, camera_id=group.number, image_id=number)
             self._database.write_image(image, use_image_id=True)
-            self._write_frame(image, number, group)
+            self._write_frame(image, group)
             self._database.write_keypoints(number, features.keypoints)
             sift = pycolmap.FeatureExtractorType.SIFT
             descriptors = pycolmap.FeatureDescriptors(type=sift, data=features.descriptors)
             self._database.write_descriptors(number, descriptors)
 
-    def _write_frame(self, image: Image, number: int, group: CameraGroup) -> None:
+    def _write_frame(self, image: Image, group: CameraGroup) -> None:
         """The frame of an image: views of one panorama share one, with the number of the first."""
         import pycolmap
 
-        view = self._images.by_name[image.name].view
-        place = number - (0 if view is None else view.number)
-        if self._database.exists_frame(place):
-            frame = self._database.read_frame(place)
+        number = self._frames[self._images.by_name[image.name].shot]
+        if self._database.exists_frame(number):
+            frame = self._database.read_frame(number)
             frame.add_data_id(image.data_id)
             self._database.update_frame(frame)
             return
-        frame = pycolmap.Frame(frame_id=place, rig_id=group.rig)
+        frame = pycolmap.Frame(frame_id=number, rig_id=group.rig or group.number)
         frame.add_data_id(image.data_id)
         self._database.write_frame(frame, use_frame_id=True)
 
@@ -118,15 +120,18 @@ class FeatureDatabase:
         """A camera and its rig, with all cameras of the rig, which COLMAP wants to know at once."""
         import pycolmap
 
-        rig = pycolmap.Rig(rig_id=group.rig)
-        for one in (one for one in self._groups.values() if one.rig == group.rig):
+        together = {group.number: group}
+        if group.rig is not None:
+            together = {one.number: one for one in self._groups.values() if one.rig == group.rig}
+        first, *others = (together[number] for number in sorted(together))
+        rig = pycolmap.Rig(rig_id=first.number)
+        for one in (first, *others):
             camera = camera_of(one)
-            if self._database.exists_camera(one.number):
-                continue
             self._database.write_camera(camera, use_camera_id=True)
-            if one.number == one.rig:
+            if one is first:
                 rig.add_ref_sensor(camera.sensor_id)
             else:
-                turn = pycolmap.Rotation3d(DIRECTIONS[one.view or 0].from_panorama)
+                axes, own = (DIRECTIONS[of.view or 0].from_panorama for of in (first, one))
+                turn = pycolmap.Rotation3d(own @ axes.T)
                 rig.add_sensor(camera.sensor_id, pycolmap.Rigid3d(turn, np.zeros(3)))
         self._database.write_rig(rig, use_rig_id=True)

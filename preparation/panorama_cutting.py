@@ -13,7 +13,7 @@ from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.progress import tracked
 from gsfw.core.words import counted, listed
-from gsfw.datamanagers.images import Header, decode
+from gsfw.datamanagers.images import Header, decode, decode_mask
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.choices import Choices
 from gsfw.preparation.disk import check_space
@@ -62,6 +62,12 @@ REASONS = {
     ),
 }
 """Reasons and remedies of images that are left out."""
+HIDDEN = LeftOut(
+    "",
+    "its mask hides all views of it",
+    "Masks are bright where pixels count; invert this one if it is dark there.",
+)
+"""Reason and remedy of a panorama without a view."""
 VERSION = 1
 """Number of the way of cutting; files of another are not used again."""
 
@@ -113,8 +119,8 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
         )
     lost = {item.name for item in left_out}
     masks = rule.masks.find(panoramas)
-    views, damaged = _cut(panoramas, masks, rule, folder)
-    left_out += damaged
+    views, lost_ones = _cut(panoramas, masks, rule, folder)
+    left_out += lost_ones
     own = [views.get(one.name, [one]) for one in images.images if one.name not in lost]
     found = [view for group in own for view in group]
     if not found:
@@ -126,7 +132,7 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
         )
     cut_ones = [one for one in panoramas if views[one.name]]
     if cut_ones:
-        choices.choose("panoramas", _words(cut_ones, masks, rule))
+        choices.choose("panoramas", _words(cut_ones, views, masks, rule))
     return replace(images, images=_named(found), left_out=(*images.left_out, *left_out))
 
 
@@ -186,7 +192,12 @@ def _kinds_of(members: Sequence[SourceImage]) -> dict[str, Kind]:
     return said
 
 
-def _words(panoramas: Sequence[SourceImage], masks: Mapping[str, Path], rule: PanoramaRule) -> str:
+def _words(
+    panoramas: Sequence[SourceImage],
+    views: Mapping[str, Sequence[SourceImage]],
+    masks: Mapping[str, Path],
+    rule: PanoramaRule,
+) -> str:
     """The sentence about what was cut."""
     count = len(panoramas)
     sides = sorted({view_side(one.header.width) for one in panoramas})
@@ -196,34 +207,42 @@ def _words(panoramas: Sequence[SourceImage], masks: Mapping[str, Path], rule: Pa
     how = f", and so {'is its mask' if count == 1 else 'are their masks'}" if masked else ""
     if 0 < masked < count:
         how = f"; masks were found for {masked} of {they}"
+    number = sum(len(views[one.name]) for one in panoramas)
+    if hidden := count * rule.count - number:
+        how += f"; {counted(hidden, 'view')} without a pixel that counts left out"
     how += "" if rule.panoramas == "true" else f"; panoramas=false uses {they} uncut"
     return (
         f"panoramas: {counted(count, 'panorama')} {verb} cut into "
-        f"{counted(count * rule.count, 'view')} of 90 degrees and {size} pixels{how}."
+        f"{counted(number, 'view')} of 90 degrees and {size} pixels{how}."
     )
 
 
 def _cut(
     panoramas: Sequence[SourceImage], masks: dict[str, Path], rule: PanoramaRule, folder: Path
 ) -> tuple[dict[str, list[SourceImage]], list[LeftOut]]:
-    """Views by the names of their panoramas, and panoramas that do not decode.
+    """Views by the names of their panoramas, and panoramas without a view.
 
-    Views of other panoramas, and of earlier versions of these, are removed.
+    Those do not decode, or their masks hide all of them. Views without a pixel that counts are left
+    out. Files of other panoramas, and of earlier versions of these, are removed.
     """
     files = {one.name: _files(one, rule, folder) for one in panoramas}
     mask_files = cut_masks(panoramas, masks, rule.count, folder)
     missing = [one for one in panoramas if not all(map(Path.is_file, files[one.name]))]
-    damaged = _write_all(missing, files, rule, folder) if missing else []
-    lost = {item.name for item in damaged}
+    lost = _write_all(missing, files, rule, folder) if missing else []
+    damaged = {item.name for item in lost}
     used = {file for group in (*files.values(), *mask_files.values()) for file in group}
     with readable_write_errors(folder):
         for file in set(folder.glob("*")) - used:
             file.unlink()
-    views = {
-        one.name: _views(one, files[one.name], mask_files.get(one.name, [None] * rule.count))
-        for one in panoramas
-    }
-    return {name: [] if name in lost else found for name, found in views.items()}, damaged
+    # Panoramas may share a mask, whose views are decoded once.
+    counts = {file: bool(decode_mask(file).any()) for file in set().union(*mask_files.values())}
+    views: dict[str, list[SourceImage]] = {name: [] for name in damaged}
+    for one in (one for one in panoramas if one.name not in damaged):
+        found = _views(one, files[one.name], mask_files.get(one.name, [None] * rule.count))
+        views[one.name] = [view for view in found if view.mask is None or counts[view.mask]]
+        if not views[one.name]:
+            lost.append(replace(HIDDEN, name=one.name))
+    return views, lost
 
 
 def _write_all(

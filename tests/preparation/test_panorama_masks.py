@@ -55,19 +55,42 @@ def test_one_mask_serves_panoramas_of_any_size(tmp_path):
     Image.fromarray(sphere()).resize((1024, 512)).save(folder / "b.jpg", xmp=FULL_XMP)
     given = PanoramaMasks(str(mask(tmp_path / "operator.png")))
     found, said = cut(images(folder), tmp_path, views="sphere", masks=given)
-    assert "and so are their masks; panoramas=false" in said[0]
+    assert "and so are their masks; 2 views" in said[0]
     for one in found.images:
         assert one.mask is not None
         inside = decode_mask(one.mask)
         assert inside.shape == (one.header.height, one.header.width)
         assert inside.all() == one.name.endswith("up.jpg")
-        assert inside.any() != one.name.endswith("down.jpg")
     times = [one.mask.stat().st_mtime_ns for one in found.images]
     again, _ = cut(images(folder), tmp_path, views="sphere", masks=given)
     assert [one.mask.stat().st_mtime_ns for one in again.images] == times
     bare, _ = cut(images(folder), tmp_path, views="sphere", masks=PanoramaMasks("none"))
     assert masks_of(bare) == [None] * 16
     assert set((tmp_path / "views").iterdir()) == {one.path for one in bare.images}
+
+
+def test_views_that_a_mask_hides_are_left_out(tmp_path):
+    folder = panoramas(photos(tmp_path), "a.jpg", "b.jpg")
+    given = PanoramaMasks(str(mask(tmp_path / "operator.png")))
+    found, said = cut(images(folder), tmp_path, views="sphere", masks=given)
+    names = [f"{name}_{one.name}.jpg" for name in "ab" for one in DIRECTIONS[:-1]]
+    assert [one.name for one in found.images] == names
+    assert "cut into 14 views of" in said[0]
+    assert "; 2 views without a pixel that counts left out; panoramas=false" in said[0]
+
+
+def test_a_panorama_that_its_mask_hides_is_left_out_with_the_reason(tmp_path):
+    folder = panoramas(photos(tmp_path), "a.jpg", "b.jpg")
+    (tmp_path / "masks").mkdir()
+    Image.new("L", (64, 32)).save(tmp_path / "masks" / "a.png")
+    given = PanoramaMasks(str(tmp_path / "masks"))
+    found, _ = cut(images(folder), tmp_path, masks=given)
+    assert [one.name for one in found.images] == [f"b_{one.name}.jpg" for one in DIRECTIONS[:6]]
+    (lost,) = found.left_out
+    assert (lost.name, lost.reason) == ("a.jpg", "its mask hides all views of it")
+    (folder / "b.jpg").unlink()
+    with pytest.raises(DataError, match=r"be used\. Its mask hides all views"):
+        cut(images(folder), tmp_path, masks=given)
 
 
 @pytest.mark.parametrize(

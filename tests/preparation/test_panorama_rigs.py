@@ -63,7 +63,7 @@ def stored(folder: Path, images: ImageSet) -> Path:
 
 def test_views_have_exact_cameras_whatever_the_user_says_of_others():
     photo, *views = group_cameras(mixed(), CameraRule("one", "OPENCV", 70.0))
-    assert (photo.model, photo.focal, photo.rig) == ("OPENCV", 70.0, 1)
+    assert (photo.model, photo.focal, photo.rig) == ("OPENCV", 70.0, None)
     assert [(one.model, one.focal, one.view, one.rig) for one in views] == [
         ("SIMPLE_PINHOLE", 50.0, 0, 2),
         ("SIMPLE_PINHOLE", 50.0, 1, 2),
@@ -82,6 +82,22 @@ def test_the_database_has_a_rig_for_each_size_and_a_frame_for_each_panorama(tmp_
         moved = rig.sensor_from_rig(second)
         assert np.allclose(moved.rotation.matrix(), DIRECTIONS[1].from_panorama)
         assert np.allclose(moved.translation, 0)
+
+
+def test_views_that_are_left_out_change_neither_frames_nor_turns(tmp_path):
+    every = mixed(3)
+    # Panoramas of one size, of which the first lacks its view ahead.
+    images = ImageSet(tuple(one for one in every.images if one.name not in ("a.jpg", "p0_0.jpg")))
+    with pycolmap.Database.open(stored(tmp_path, images)) as database:
+        frames = {
+            frame.frame_id: sorted(data.id for data in frame.data_ids)
+            for frame in database.read_all_frames()
+        }
+        assert frames == {1: [1], 2: [2, 3], 4: [4, 5]}
+        assert [database.read_frame(number).rig_id for number in frames] == [1, 2, 1]
+        (second,) = (rig := database.read_rig(1)).non_ref_sensors
+        turn = rig.sensor_from_rig(second).rotation.matrix()
+        assert np.allclose(turn @ DIRECTIONS[1].from_panorama, DIRECTIONS[0].from_panorama)
 
 
 def test_a_part_of_a_database_has_the_frames_of_its_images(tmp_path):
