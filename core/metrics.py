@@ -54,6 +54,11 @@ def contrast(image: Float[Tensor, "h w d"], valid: Bool[Tensor, "h w 1"] | None 
     return float(pixels.double().var(dim=0, correction=0).mean().sqrt())
 
 
+def is_hidden(valid: Bool[Tensor, "*c h w 1"] | None) -> bool:
+    """True if no pixel is valid, so that there is nothing to compare."""
+    return valid is not None and not bool(valid.any())
+
+
 def is_one_color(
     rendered: Float[Tensor, "h w d"],
     target: Float[Tensor, "h w d"],

@@ -231,7 +231,9 @@ def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> 
         )
     if hidden:
         names = listed([frame.name for frame in hidden])
-        notes.append(f"masks leave nothing of {len(hidden)} images: {names}")
+        notes.append(
+            f"masks leave nothing of {len(hidden)} images, which no figure counts: {names}"
+        )
     if len(masked) < len(frames):
         bare = [frame.name for frame in frames if frame.mask is None]
         notes.append(f"no mask, so that all pixels count: {len(bare)} images, such as {bare[0]}")

@@ -22,7 +22,7 @@ from gsfw.core.loop.distractors import KEPT_PSNR
 from gsfw.core.loop.findings import Finding
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.method import Method
-from gsfw.core.metrics import color_corrected, is_one_color, psnr
+from gsfw.core.metrics import color_corrected, is_hidden, is_one_color, psnr
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
@@ -52,7 +52,8 @@ class Evaluation:
     notes: Mapping[str, str] = field(default_factory=dict)
     """Protocol of the figures over time, or the cause why there are none; empty if static."""
     held_out: int = 0
-    """Views of the split; more than ``views`` where a sample was compared; 0: as many."""
+    """Views of the split; more than ``views`` where a sample was compared, or where masks hide
+    some; 0: as many."""
 
     one_color: int = 0
     """Number of views whose render is (nearly) one colour although the image is not."""
@@ -140,7 +141,7 @@ def evaluate(
     most: int = 0,
     step: int = FINISHED,
 ) -> Evaluation:
-    """Render and compare the views of a split, one at a time.
+    """Render and compare the views of a split, one at a time; not those without a valid pixel.
 
     ``on_view`` is called after each view. A ``method`` adds its own metrics and images.
     ``baselines`` are those of the same split. With ``most`` above 0 at most so many views are
@@ -158,6 +159,8 @@ def evaluate(
     durations: list[float] = []
     for place, index in enumerate(tracked(order, "evaluating held-out views", len(order))):
         (batch,) = data.load(split, [index], device)
+        if is_hidden(batch.valid):
+            continue
         wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
         started = time.perf_counter()
         output = parts.render(batch.cameras, settings, batch.time).output

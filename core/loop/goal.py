@@ -7,6 +7,7 @@ is left of its schedule in a short last part, so that rates decay to their ends 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ import torch
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
-from gsfw.core.metrics import psnr
+from gsfw.core.metrics import is_hidden, psnr
 
 EVERY = 100
 """Updates between two looks: a look at four views takes 1 to 2 % of the time of these."""
@@ -84,7 +85,10 @@ class Goal:
 
 @torch.no_grad()
 def mean_psnr(parts: TrainingParts, plan: TrainingPlan, step: int, views: Sequence[int]) -> float:
-    """Mean PSNR of some training views at full size after ``step`` steps, in dB."""
+    """Mean PSNR of some training views at full size after ``step`` steps, in dB.
+
+    Views without a valid pixel are left out; NaN, which reaches no goal, if all are.
+    """
     settings = plan.settings
     assert settings.background is not None
     found = []
@@ -92,6 +96,7 @@ def mean_psnr(parts: TrainingParts, plan: TrainingPlan, step: int, views: Sequen
         (batch,) = parts.data.load(Split.TRAIN, [view], parts.device)
         output = parts.render(batch.cameras, settings, batch.time).output
         batch = parts.compared(batch, output, settings.background, step)
-        valid = None if batch.valid is None else batch.valid[0]
-        found.append(psnr(output.color[0], batch.target(settings.background)[0], valid))
-    return sum(found) / len(found)
+        if not is_hidden(batch.valid):
+            valid = None if batch.valid is None else batch.valid[0]
+            found.append(psnr(output.color[0], batch.target(settings.background)[0], valid))
+    return sum(found) / len(found) if found else math.nan

@@ -14,7 +14,7 @@ from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.findings import Evidence, Finding, judge
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
-from gsfw.core.metrics import is_one_color, psnr
+from gsfw.core.metrics import is_hidden, is_one_color, psnr
 from gsfw.core.model import DensifiableModel
 from gsfw.core.progress import tracked
 from gsfw.core.temporal_metrics.over_time import means
@@ -65,7 +65,7 @@ class Verdict:
             sampled = self._training_views(step, None if held_out else self._of_training)
             evaluation = replace(
                 evaluation,
-                training_psnr=sampled.means["psnr"],
+                training_psnr=sampled.means.get("psnr"),
                 searched=evaluation.searched + sampled.searched,
                 contradicted=evaluation.contradicted + sampled.contradicted,
             )
@@ -112,12 +112,15 @@ class Verdict:
         assert settings.background is not None
         names = parts.data.views(Split.TRAIN).names
         indices = spread(range(len(names)), MOST_TRAINING_VIEWS)
-        per_view, contradicted, one_color = [], [], 0
+        compared, per_view, contradicted, one_color = [], [], [], 0
         is_sought = parts.seeks_contradictions(Split.TRAIN)
         for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
             output = parts.render(batch.cameras, settings, batch.time).output
             batch = parts.compared(batch, output, settings.background, step)
+            if is_hidden(batch.valid):
+                continue
+            compared.append(names[index])
             if is_sought and parts.contradicts(batch, output, settings.background, Split.TRAIN):
                 contradicted.append(names[index])
             image, target = output.color[0], batch.target(settings.background)[0]
@@ -127,12 +130,12 @@ class Verdict:
             if baselines is not None:
                 baselines.compare(index, target, valid, None)
         return Evaluation(
-            tuple(names[index] for index in indices),
+            tuple(compared),
             tuple(per_view),
             0.0,
             means(per_view),
             one_color=one_color,
-            searched=len(indices) if is_sought else 0,
+            searched=len(compared) if is_sought else 0,
             contradicted=tuple(contradicted),
             baselines={} if baselines is None else baselines.document(),
         )

@@ -1,5 +1,6 @@
 """Evaluation: figures of all pixels, and of data with times also of what moves."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,8 +10,10 @@ from support.moving_scene import WHITE, MovingImages, two_balls
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import evaluate
+from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.loop.training_parts import TrainingParts
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.loop.verdict import Verdict
 from gsfw.core.metrics import Psnr, Ssim, psnr
 from gsfw.core.operators import Operators
 from gsfw.core.refinement.refiners import Refiners
@@ -116,6 +119,34 @@ def test_pixels_that_are_not_valid_are_in_no_figure():
     assert "moving_psnr" not in found.means
     assert "flicker_moving" not in found.means
     assert "flicker_static" in found.means
+
+
+class HalfHidden(MovingImages):
+    """Masks hide the first view of each split wholly, and no pixel of the others."""
+
+    def load(self, split, indices, device):
+        shown = torch.ones(1, 24, 32, 1, dtype=torch.bool)
+        return [
+            replace(batch, mask=torch.cat([shown * (view > 0) for view in batch.views]))
+            for batch in super().load(split, indices, device)
+        ]
+
+
+def test_views_without_a_valid_pixel_are_in_no_mean():
+    data = HalfHidden(FIXED)
+    found = run(data, two_balls(velocity=0.3))
+    assert (found.views, found.count) == (("eval_1", "eval_2"), "2 of 3")
+    assert found.means["psnr"] < 40.0
+    parts = parts_of(data, two_balls(velocity=0.3), {"psnr": Psnr()})
+    plan = TrainingPlan(1, 1, 1, 1, WHITE)
+    one = mean_psnr(parts, plan, 1, [1])
+    assert mean_psnr(parts, plan, 1, [0, 1]) == one < 40.0
+    assert math.isnan(mean_psnr(parts, plan, 1, [0]))
+    assert not Goal(30.0).judge(100, math.nan)
+    judged = Verdict(parts, plan, {}, Split.EVAL).judge(1, found)
+    assert judged.training_psnr == pytest.approx(one)
+    unseen = run(HalfHidden([(0.5, 3.0)]))
+    assert (unseen.views, unseen.count, unseen.means) == ((), "0 of 1", {})
 
 
 def test_the_curve_has_a_point_for_each_time_in_order():
