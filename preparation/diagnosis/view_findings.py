@@ -51,8 +51,12 @@ def _blur(evidence: Evidence) -> Iterator[Finding]:
     for name in evidence.graph.names:
         shot = evidence.graph.shots.get(name, name)
         shots.setdefault(shot, {})[name] = evidence.features[name].blur
-    # A panorama is as sharp as its sharpest view: the grain of a plain wall has a direction, too.
-    sharpest = [max(views.items(), key=lambda view: view[1].ratio) for views in shots.values()]
+    sharpest = []
+    for views in shots.values():
+        # A panorama is as sharp as its sharpest view of more than a plain wall, whose grain may
+        # have a direction, or none.
+        shown = {name: blur for name, blur in views.items() if not usual.is_plain(blur.quality)}
+        sharpest.append(max((shown or views).items(), key=lambda view: view[1].ratio))
     yield from motion_findings(dict(sharpest), usual)
 
 
