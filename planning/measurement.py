@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -48,7 +49,14 @@ class Measurement:
     surface: FoundSurface | None = None
     """Points by stereo; ``None`` as long as no run starts from them."""
 
-    def run(self, settings: Settings, seconds: float, asked: Asked, is_asked: bool) -> Speed:
+    def run(
+        self,
+        settings: Settings,
+        seconds: float,
+        asked: Asked,
+        is_asked: bool,
+        fitting: AbstractContextManager[None] | None = None,
+    ) -> Speed:
         """The speed of a run with the image size of ``data``.
 
         Args:
@@ -57,13 +65,15 @@ class Measurement:
                 the time of the run.
             asked: the time of the run.
             is_asked: whether the user gave that time.
+            fitting: the context in which the parts are composed.
 
         Raises:
             ConfigError: the time that the user gave has passed before any step.
         """
         self.surface = find_surface(settings, self.registry, self.data, self.surface)
         began, work = self.clock.seconds(), self.clock.work()
-        composition = self.composed(settings)
+        with fitting or nullcontext():
+            composition = self.composed(settings)
         remaining = RemainingTime(composition.info(Path()))
         built = self.clock.seconds() - began
         limit = 60 * asked.minutes

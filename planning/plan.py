@@ -108,8 +108,8 @@ def make_plan(
     if size != speed.downscale:
         measurement.resize(planned)
     seconds = max(TRIAL_SHARE * 60 * asked.minutes, SHORTEST_TRIAL)
-    with _fitting(asked, planned):
-        speed = measurement.run(planned, min(seconds, LONGEST_TRIAL), asked, is_asked)
+    fitting = _fitting(asked, planned)
+    speed = measurement.run(planned, min(seconds, LONGEST_TRIAL), asked, is_asked, fitting)
     asked = _possible(asked, speed, size, is_free, is_asked)
     decided = _decisions(settings, scene, speed, asked, size) | held_back
     return _made(asked, layers, measurement, speed, decided, is_asked)

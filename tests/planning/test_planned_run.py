@@ -232,6 +232,23 @@ def test_a_time_that_has_passed_is_refused_before_any_step(machine, tmp_path, ca
     assert not machine.tried
 
 
+def test_a_time_that_passes_before_the_second_look_is_refused_with_one_that_is_enough(
+    machine, tmp_path, monkeypatch, capsys
+):
+    usual = Measurement.composed
+
+    def composed(self, settings):
+        machine.seconds += 59.5 if machine.tried else 0.0
+        return usual(self, settings)
+
+    monkeypatch.setattr(Measurement, "composed", composed)
+    assert main([*RUN, "minutes=1", f"out={tmp_path / 'run'}"]) == 2
+    said = capsys.readouterr().err
+    assert "minutes=1: that is 60 s, and reading the data and building the model have" in said
+    assert said.endswith("have taken 60 s on this machine.\nGive minutes=4.1 or more.\n")
+    assert len(machine.tried) == 1
+
+
 def test_the_first_look_at_large_images_is_one_at_small_ones(
     machine, tmp_path, monkeypatch, capsys
 ):
