@@ -95,7 +95,7 @@ class InputFiles:
             # The contact sheet lies beside them.
             self.notes.append(f"{root}: only images/ is used, as it is a result of gsfw prepare")
             return root / "images"
-        if any(_is_footage(item) for item in items):
+        if any(_is_footage(item) and followed(item) not in seen for item in items):
             return root
         folders = [item for item in items if followed(item) not in seen and _holds_footage(item)]
         for name in IMAGE_FOLDERS:
@@ -126,7 +126,8 @@ class InputFiles:
                 self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
             elif item.name.lower() == MASKS:
                 self.notes.append(
-                    f"{item}: by its name, it holds masks; panoramas alone use theirs"
+                    f"{item} is not searched for photos, because its name is masks; only masks of "
+                    "panoramas are used"
                 )
             else:
                 yield from self._below(item, seen)

@@ -67,6 +67,11 @@ def test_results_beside_the_images_of_a_data_set_are_no_photos(tmp_path):
     assert (names(source), source.notes) == (["a.png"], ())
 
 
+def test_a_mask_beside_the_images_of_a_data_set_does_not_change_what_is_read(tmp_path):
+    photos(tmp_path, "images/a.png", "input/b.png", "operator.png")
+    assert names(read_source([tmp_path], apart=[tmp_path / "operator.png"])) == ["b.png"]
+
+
 def test_raw_input_comes_before_images_that_were_made_of_it(tmp_path):
     photos(tmp_path, "images/a.png", "input/b.png")
     assert names(read_source([tmp_path])) == ["b.png"]
@@ -119,7 +124,8 @@ def test_results_and_masks_in_a_folder_are_not_read(folder):
     source = read_source([folder], apart=[folder / "out"])
     assert names(source) == ["a.png", "b.png"]
     assert source.notes == (
-        f"{folder / 'masks'}: by its name, it holds masks; panoramas alone use theirs",
+        f"{folder / 'masks'} is not searched for photos, because its name is masks; only masks of "
+        "panoramas are used",
         f"{folder / 'old'} is not used: it is a result of gsfw prepare",
     )
 
