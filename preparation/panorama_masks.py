@@ -6,6 +6,7 @@ The camera's operator is at the same place in all panoramas of a walk, so that o
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -13,10 +14,11 @@ from pathlib import Path, PurePosixPath
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.reading import followed
 from gsfw.core.progress import tracked
 from gsfw.datamanagers.images import decode_mask
-from gsfw.datamanagers.mask_folder import MaskFolder
-from gsfw.datamanagers.masks import FOLDER, NONE
+from gsfw.datamanagers.mask_folder import MaskFolder, stem_of
+from gsfw.datamanagers.masks import FOLDER, NONE, Folders
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.input_files import IMAGE_FOLDERS
 from gsfw.preparation.journal import identity_of
@@ -41,26 +43,47 @@ class PanoramaMasks:
         """The folder or image that the user named; ``None`` where there is none."""
         return None if self.source in (AUTO, NONE) else Path(self.source)
 
+    def check(self, inputs: Sequence[Path]) -> None:
+        """Look at the path that the user named, before anything is decoded.
+
+        Args:
+            inputs: folders and files of photos and videos.
+
+        Raises:
+            ConfigError: it is a folder of images itself.
+            DataError: it is missing.
+        """
+        if self.path is None:
+            return
+        if not self.path.exists():
+            raise DataError(
+                f"{SETTING}={self.path}: there is no such file or folder.",
+                "Give one image for all panoramas, or a folder with a mask for each.",
+            )
+        folders = {followed(path / name) for path in inputs for name in ("", *IMAGE_FOLDERS)}
+        if followed(self.path) in folders:
+            raise ConfigError(
+                f"{SETTING}={self.path}: this is a folder of input images, and images of a folder "
+                "of masks are not used as photos.",
+                "Put the masks into a folder of their own, and name that.",
+            )
+
     def find(self, panoramas: Sequence[SourceImage]) -> dict[str, Path]:
         """The masks by the names of their panoramas.
 
         Raises:
             ConfigError: the user named masks, and there is no panorama.
-            DataError: what the user named is missing, or contains no mask of a panorama.
+            DataError: the folder that the user named contains no mask of a panorama.
         """
         if self.source == NONE:
             return {}
         if self.path is None:
-            found = {one.name: _beside(one) for one in panoramas if one.time is None}
+            folders: Folders = {}
+            found = {one.name: _beside(one, folders) for one in panoramas if one.time is None}
             return {name: mask for name, mask in found.items() if mask is not None}
         return self._named(self.path, panoramas)
 
     def _named(self, path: Path, panoramas: Sequence[SourceImage]) -> dict[str, Path]:
-        if not path.exists():
-            raise DataError(
-                f"{SETTING}={path}: there is no such file or folder.",
-                "Give one image for all panoramas, or a folder with a mask for each.",
-            )
         if not panoramas:
             raise ConfigError(
                 f"{SETTING}={path}: no image is cut as a panorama.",
@@ -69,31 +92,38 @@ class PanoramaMasks:
         if not path.is_dir():
             return {one.name: path for one in panoramas}
         folder = MaskFolder(path)
-        found = {one.name: folder.find(_short_names(one.name)) for one in panoramas}
+        names = _short_names([one.name for one in panoramas])
+        found = {name: folder.find(own) for name, own in names.items()}
         masks = {name: mask for name, mask in found.items() if mask is not None}
         if not masks:
-            name = PurePosixPath(panoramas[0].name).name
+            name = names[panoramas[0].name][-1].as_posix()
             raise DataError(
                 f"{SETTING}={path}: the folder contains no mask of any panorama (looked for "
-                f"{name}.png or {PurePosixPath(name).stem}.png, in any image format).",
+                f"{name}.png or {PurePosixPath(name).with_suffix('.png')}, in any image format).",
                 "Name masks as their panoramas, or give one image for all of them.",
             )
         return masks
 
 
-def _short_names(name: str) -> list[Path]:
-    """The name with and without the folders in front."""
-    parts = PurePosixPath(name).parts
-    return [Path(*parts[first:]) for first in range(len(parts))]
+def _short_names(names: Sequence[str]) -> dict[str, list[Path]]:
+    """Each name with the folders in front, and without those that it needs not to be unique."""
+    parts = {name: PurePosixPath(name).parts for name in names}
+    ends = {name: [Path(*own[first:]) for first in range(len(own))] for name, own in parts.items()}
+    counts = Counter(stem_of(end) for own in ends.values() for end in own)
+    return {
+        name: [end for end in own if end is own[0] or counts[stem_of(end)] == 1]
+        for name, own in ends.items()
+    }
 
 
-def _beside(panorama: SourceImage) -> Path | None:
+def _beside(panorama: SourceImage, folders: Folders) -> Path | None:
     """The mask in a folder of masks beside a photo, or beside a folder that it is in."""
     for folder in panorama.path.parents[: len(PurePosixPath(panorama.name).parts)]:
         name = panorama.path.relative_to(folder)
         places = [folder, folder.parent] if folder.name in IMAGE_FOLDERS else [folder]
         for place in places:
-            found = MaskFolder(place / FOLDER).find([name])
+            path = place / FOLDER
+            found = folders.setdefault(path, MaskFolder(path)).find([name])
             if found is not None:
                 return found
     return None

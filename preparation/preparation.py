@@ -67,6 +67,7 @@ class Preparation:
 
         if self._rule.matching.vocabulary is not None:
             check_vocabulary(self._rule.matching.vocabulary)
+        self._rule.panoramas.masks.check(self._inputs)
         images = self._images()
         groups = group_cameras(images, self._rule.cameras)
         found = register(images, groups, self._place, self._rule, self._journal, self._choices)

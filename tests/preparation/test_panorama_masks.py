@@ -8,21 +8,26 @@ from PIL import Image
 from support.cut_panoramas import cut, images, photos
 from support.panorama_room import FULL_XMP, sphere
 
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.datamanagers.images import decode_mask
+from gsfw.datamanagers.mask_folder import MaskFolder
 from gsfw.datamanagers.warp import MapCache
+from gsfw.preparation.panorama_cutting import PanoramaRule
 from gsfw.preparation.panorama_masks import PanoramaMasks
 from gsfw.preparation.panorama_views import DIRECTIONS, continued, cut_mask, view_side
 from gsfw.preparation.panorama_views import cut as cut_view
+from gsfw.preparation.preparation import Preparation
+from gsfw.preparation.preparation_rule import PreparationRule
 from gsfw.preparation.sift import ImageTask, find_features
 from gsfw.preparation.source import read_source
+from gsfw.preparation.workspace import Workspace
 
 
 def panoramas(folder: Path, *names: str) -> Path:
-    for name in names:
+    for number, name in enumerate(names):
         place = folder / name
         place.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(sphere()).save(place, xmp=FULL_XMP)
+        Image.fromarray(np.roll(sphere(), number, axis=1)).save(place, xmp=FULL_XMP)
     return folder
 
 
@@ -126,6 +131,51 @@ def test_a_mask_among_the_photos_is_no_photo(tmp_path):
     assert [one.name for one in source.images.images] == ["a.jpg"]
 
 
+@pytest.mark.parametrize("inner", ["", "images/"])
+def test_a_missing_mask_and_a_folder_of_photos_are_refused_before_anything_is_decoded(
+    tmp_path, inner
+):
+    photos = tmp_path / "walk" / inner
+    photos.mkdir(parents=True)
+    (photos / "a.mp4").write_bytes(b"no video")
+    for given, expected in (
+        (tmp_path / "missing", "missing: there is no such file or folder.\nGive one image for"),
+        (photos, "this is a folder of input images, and images of a folder of masks are not used"),
+    ):
+        rule = PreparationRule(panoramas=PanoramaRule(masks=PanoramaMasks(str(given))))
+        place = Workspace(tmp_path / "out")
+        with pytest.raises(UserError) as caught:
+            Preparation((tmp_path / "walk",), place, rule, lambda line: None).run()
+        assert f"panorama_masks={given}: " in str(caught.value)
+        assert expected in str(caught.value)
+
+
+def test_panoramas_of_one_name_in_two_folders_do_not_share_a_mask(tmp_path):
+    panoramas(tmp_path, "in/left/001.jpg", "in/right/001.jpg", "in/right/002.jpg")
+    given = read_source([tmp_path / "in"]).images
+    for name in ("001.png", "002.png"):
+        mask(tmp_path / "masks" / name)
+    found, _ = cut(given, tmp_path, masks=PanoramaMasks(str(tmp_path / "masks")))
+    assert [one is not None for one in masks_of(found)] == [False] * 12 + [True] * 6
+    (tmp_path / "masks/002.png").unlink()
+    with pytest.raises(DataError, match=r"looked for left/001.jpg.png or left/001.png, in any"):
+        cut(given, tmp_path, masks=PanoramaMasks(str(tmp_path / "masks")))
+    mask(tmp_path / "masks/right/001.png")
+    found, _ = cut(given, tmp_path, masks=PanoramaMasks(str(tmp_path / "masks")))
+    assert [one is not None for one in masks_of(found)] == [False] * 6 + [True] * 6 + [False] * 6
+
+
+def test_a_folder_of_masks_is_listed_once_for_all_panoramas(tmp_path, monkeypatch):
+    folder = panoramas(photos(tmp_path), "a.jpg", "b.jpg", "c.jpg")
+    given = images(folder)
+    listed = []
+    usual = MaskFolder.files.func
+    monkeypatch.setattr(MaskFolder.files, "func", lambda own: listed.append(own) or usual(own))
+    mask(folder / "masks" / "a_mask.png")
+    cut(given, tmp_path)
+    assert listed == [MaskFolder(folder / "masks")]
+
+
 def test_masked_pixels_have_no_features(tmp_path):
     folder = panoramas(photos(tmp_path), "a.jpg")
     found, _ = cut(images(folder), tmp_path, masks=PanoramaMasks(str(mask(tmp_path / "m.png"))))
@@ -143,7 +193,6 @@ def test_masks_that_cannot_be_used_are_refused(tmp_path):
     square = tmp_path / "square.png"
     Image.new("L", (64, 64)).save(square)
     for path, expected in (
-        (tmp_path / "missing", "missing: there is no such file or folder."),
         (tmp_path / "other", "no mask of any panorama (looked for a.jpg.png or a.png, in any"),
         (square, "the mask is 64x64 pixels, and its panorama"),
     ):
