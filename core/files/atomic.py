@@ -37,7 +37,14 @@ to each other.
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 """System errors of a disk on which nothing can be locked."""
-TAKEN = (errno.EWOULDBLOCK, errno.ENOENT, errno.EACCES, errno.EPERM, errno.ELOOP)
+TAKEN = (
+    errno.EWOULDBLOCK,
+    errno.EEXIST,
+    errno.ENOENT,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ELOOP,
+)
 """System errors of a partial file that another process writes, or that is another user's."""
 WITHOUT_SYNC = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EBADF)
 """System errors of a disk whose folders cannot be synchronised."""
@@ -148,7 +155,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     The file may be written part by part, and positions in it may be revisited (``seek``). An error
     inside the block leaves the old file, if any, untouched, and no new folder. After the block the
     new file is on the disk: a power loss does not undo it. The partial file of a process that was
-    killed is overwritten by the next one that writes the file.
+    killed is removed by the next one that writes the file.
 
     Raises:
         OutputError: it cannot be written.
@@ -172,40 +179,45 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def _partial_file(path: Path) -> tuple[int, str]:
-    """A new or emptied file beside ``path`` that no other process writes: handle and name.
+    """A new file beside ``path`` that no other process writes: handle and name.
 
     Its name is always the same, so that killed processes leave one at most. While another process
     writes the same file, and where files cannot be locked, it is a random one.
     """
     name = f"{path.parent / f'.{path.name}'}{PARTIAL}"
     if sys.platform != "win32":
-        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
         with suppress_errors(*TAKEN, *WITHOUT_LOCKS):
-            handle = os.open(name, flags, MODE)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                # Otherwise its writer has just given it its name.
-                if os.path.samestat(os.fstat(handle), os.lstat(name)):
-                    return _emptied(handle, name), name
-            except BaseException:
-                os.close(handle)
-                raise
-            os.close(handle)
+            with suppress_errors(errno.ENOENT):
+                # The file of a killed process has the permissions of that one.
+                left = _locked(name)
+                try:
+                    os.unlink(name)
+                finally:
+                    os.close(left)
+            return _locked(name, os.O_CREAT | os.O_EXCL), name
     name = f"{path.parent / f'.{path.name}'}.{uuid4().hex}"
     return os.open(
         name, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), MODE
     ), name
 
 
-def _emptied(handle: int, name: str) -> int:
-    """The open partial file, which this process alone has, without what another left in it."""
-    if os.fstat(handle).st_size:
+if sys.platform != "win32":
+
+    def _locked(name: str, flags: int = 0) -> int:
+        """A partial file that this process alone has open for writing.
+
+        Raises:
+            OSError: it cannot be opened or locked, or another process has just removed it.
+        """
+        handle = os.open(name, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | flags, MODE)
         try:
-            os.truncate(handle, 0)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.path.samestat(os.fstat(handle), os.lstat(name)):
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), name)
         except BaseException:
-            os.unlink(name)
+            os.close(handle)
             raise
-    return handle
+        return handle
 
 
 def make_folder(folder: Path) -> None:

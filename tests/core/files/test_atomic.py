@@ -44,7 +44,7 @@ def test_a_name_that_no_system_takes_is_an_error_in_words(tmp_path):
         fail_within(tmp_path / ("a" * 300))
 
 
-def test_the_partial_file_of_a_killed_process_is_overwritten(tmp_path):
+def test_the_partial_file_of_a_killed_process_is_replaced(tmp_path):
     (tmp_path / ".a.ply.part").write_bytes(b"half of a file, and longer than the new one")
     write_atomically(tmp_path / "a.ply", b"new")
     assert (tmp_path / "a.ply").read_bytes() == b"new"
@@ -91,15 +91,16 @@ def test_the_names_of_new_files_and_folders_are_brought_to_the_disk(tmp_path, mo
 
 
 @posix
-def test_a_partial_file_that_cannot_be_emptied_is_removed(tmp_path, monkeypatch):
-    def fail(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    (tmp_path / ".a.ply.part").write_bytes(b"half")
-    monkeypatch.setattr(os, "truncate", fail)
-    with pytest.raises(OutputError, match="the disk is full"):
+def test_the_permissions_of_a_partial_file_of_a_killed_process_are_not_kept(tmp_path):
+    left = tmp_path / ".a.ply.part"
+    left.touch(0o600)
+    before = os.umask(0o022)
+    try:
         write_atomically(tmp_path / "a.ply", b"new")
-    assert os.listdir(tmp_path) == []
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.ply").stat().st_mode) == 0o644
+    assert os.listdir(tmp_path) == ["a.ply"]
 
 
 @pytest.mark.parametrize(
