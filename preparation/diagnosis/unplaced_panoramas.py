@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
-from gsfw.preparation.diagnosis.unregistered import SMALL, TEXTURE, Reason, Unregistered
+from gsfw.preparation.diagnosis.unregistered import (
+    FEW_TO_MATCH,
+    SMALL,
+    TEXTURE,
+    Reason,
+    Unregistered,
+)
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.image_set import ImageSet, ViewOfPanorama
 
@@ -42,7 +48,7 @@ def by_panorama(
         best = max(items, key=lambda one: _rank(one, features, graph))
         view = images.by_name[best.name].view
         if view is not None:
-            best = _Panorama(view, items, images, graph, placed).with_reason_of(best)
+            best = _Panorama(view, items, images, features, graph, placed).with_reason_of(best)
         result.append(best)
     return tuple(result)
 
@@ -63,6 +69,7 @@ class _Panorama:
     view: ViewOfPanorama
     items: list[Unregistered]
     images: ImageSet
+    features: Mapping[str, FeatureReport]
     graph: MatchGraph
     placed: tuple[str, ...]
 
@@ -83,10 +90,12 @@ class _Panorama:
             steps.append(
                 f"Take panoramas between {self.view.panorama} and {near}, a step or two apart."
             )
-        side = self.images.by_name[best.name].header.width
-        if side < SMALL:
-            steps.append(
-                f"Give the panoramas at their full size, if they were shrunk: a view has only "
-                f"{side}x{side} pixels."
-            )
-        return " ".join(steps) or TEXTURE
+        if self.features[best.name].count < FEW_TO_MATCH or not steps:
+            side = self.images.by_name[best.name].header.width
+            if side < SMALL:
+                steps.append(
+                    "Give the panoramas at their full size, if they were shrunk: a view has only "
+                    f"{side}x{side} pixels."
+                )
+            steps.append(TEXTURE)
+        return " ".join(steps)

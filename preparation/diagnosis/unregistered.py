@@ -292,9 +292,7 @@ class Inquiry:
             number = str(best.verified or "no")
             partner = f"its best partner is {best.other(name)} with {number} verified matches"
         near = self.graph.bridge(self._place, (name,)).first if self.placed else "others"
-        is_view = name in self.graph.shots
-        spacing = "a step or two apart" if is_view else "each overlapping the next by two thirds"
-        advice = f"Take {self.graph.between(name, near)}, {spacing}."
+        advice = f"Take {self.graph.between(name, near)}, each overlapping the next by two thirds."
         if self.features[name].count < FEW_TO_MATCH:
             advice += f" {self._more_features(name)}"
         return self._because(

@@ -121,9 +121,13 @@ def test_a_panorama_without_a_place_is_told_once_with_the_reason_of_its_best_vie
     (item,) = evidence.unregistered
     assert (item.name, item.reason, item.path) == ("p2.jpg", "few matches", Path("p2_1"))
     assert item.found.startswith("Its best view is p2_1: its best partner is p1_2 with 12 ")
+    step = "Take panoramas between p2.jpg and p1.jpg, a step or two apart."
+    assert item.advice == step
+    poor = FeatureReport(250, SHARP, 0.0, 1.0)
+    (item,) = of_panoramas(3, 2, (link,), p2_0=plain, p2_1=poor, p2_2=plain).unregistered
     assert item.advice == (
-        "Take panoramas between p2.jpg and p1.jpg, a step or two apart. Give the panoramas at "
-        "their full size, if they were shrunk: a view has only 500x500 pixels."
+        f"{step} Give the panoramas at their full size, if they were shrunk: a view has only "
+        "500x500 pixels. Include something with texture: step back, or put patterned things there."
     )
     finding = next(registration_findings(evidence))
     assert finding.found == "2 of 3 panoramas were placed; the others: few matches (1)."

@@ -1,6 +1,4 @@
-from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from gsfw.datamanagers.images import Header
 from gsfw.preparation.diagnosis.link import Link
@@ -34,14 +32,13 @@ def why(
     models: tuple[frozenset[str], ...] = (),
     still: float = 0.0,
     one_focal: bool = False,
-    shots: Mapping[str, str] = MappingProxyType({}),
     header: Header = Header(1000, 500, False),  # noqa: B008 - it is frozen.
 ) -> Unregistered:
     """Why image x is not placed, beside a usual a, b, c and d."""
     names = ("a", "b", "c", "d", "x")
     images = ImageSet(tuple(SourceImage(n, Path(n), header, Exif()) for n in names))
     reports = {name: report() for name in names[:-1]} | {"x": other}
-    graph = MatchGraph(names, links, still, shots=shots)
+    graph = MatchGraph(names, links, still)
     largest = (frozenset(placed),) if placed else ()
     return why_unregistered(images, reports, graph, (*largest, *models), one_focal)[-1]
 
@@ -112,12 +109,6 @@ def test_few_matches_name_the_best_partner_and_where_to_take_photos():
     )
     assert found.advice == "Take photos between x and c, each overlapping the next by two thirds."
     assert "It has no match with any image" in why(report()).found
-
-
-def test_panoramas_are_taken_between_panoramas():
-    shots = {"c": "/walk/1.jpg", "x": "/walk/2.jpg"}
-    found = why(report(), Link("c", "x", 40, 18, 0.1), shots=shots)
-    assert found.advice == "Take panoramas between walk/2.jpg and walk/1.jpg, a step or two apart."
 
 
 def test_few_features_of_small_photos_ask_for_larger_ones():
