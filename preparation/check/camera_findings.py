@@ -60,7 +60,8 @@ def _number(survey: Survey) -> Iterator[Finding]:
     advice = "Take more photos: 50 to 150 around a thing, each overlapping the next by two thirds"
     if viewpoints.stand_still:
         advice = "Add cameras between them, or expect good views near the cameras only"
-    elif places < views and survey.scene.num_times < 2:  # Views of panoramas.
+    elif places < len(_trained_places(survey)) and survey.scene.num_times < 2:
+        # Views of panoramas, and no images that are there twice.
         advice = "Take panoramas or photos from more places, a step or two apart"
     # A static capture with every image twice still has too few; a moving camera has enough.
     enough = places if viewpoints.stand_still or survey.scene.num_times < 2 else views

@@ -65,6 +65,14 @@ def test_views_of_a_panorama_have_one_place(tmp_path):
     assert found.advice.startswith("Take panoramas or photos from more places, a step or two apart")
 
 
+def test_images_that_are_there_twice_are_no_panoramas(tmp_path):
+    twice = ball(count=10)
+    twice.poses[1::2] = twice.poses[::2]
+    found = write_ball(tmp_path / "a", twice).findings()["few views"]
+    assert found.found == "8 images to train on from 4 places."
+    assert found.advice.startswith("Take more photos: 50 to 150 around a thing")
+
+
 def test_a_view_of_a_panorama_may_show_nothing_that_others_show(tmp_path):
     found = write_ball(tmp_path / "a", panoramas(0, 3)).findings()
     unseen = {"cameras see no points", "few points in images", "views without neighbours"}
