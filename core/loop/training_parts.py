@@ -128,8 +128,8 @@ class TrainingParts:
     def seeks_contradictions(self, split: Split) -> bool:
         """True if the images of a split are searched for things that the model does not have.
 
-        Not in moving scenes, nor if distractors are left out: nothing is to be done. Exposures of
-        held-out images are unknown, and their light would be taken for such things.
+        Not in moving scenes, nor if distractors are left out: nothing is to be done. Nor held-out
+        images where exposures are trained: theirs are fitted to the image with such things.
         """
         is_lit_as_rendered = split is Split.TRAIN or self.corrections.exposures is None
         still = not self.data.scene.is_dynamic
