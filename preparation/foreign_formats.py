@@ -30,8 +30,9 @@ HEIC = ForeignFormat(
 )
 AVIF = ForeignFormat(
     "AVIF",
-    "Install Pillow 11.3 or newer, which decodes them, and the same command uses them: pip install "
-    "-U pillow. Or convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.",
+    "This Pillow has no AVIF decoder; ready-built Pillow has one from version 11.3 on. Install it, "
+    "and repeat the command: pip install -U --force-reinstall --only-binary pillow pillow. Or "
+    "convert them to PNG: ffmpeg -i IN -frames:v 1 OUT.png for each.",
 )
 RAW = ForeignFormat(
     "camera RAW",

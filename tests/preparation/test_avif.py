@@ -109,9 +109,9 @@ def test_a_shot_that_the_camera_also_wrote_as_jpeg_is_not_converted(tmp_path):
     assert only_left_out(found).reason == "AVIF files are not read; a.jpg is used"
 
 
-def test_without_the_decoder_the_version_of_pillow_is_told(tmp_path, monkeypatch):
+def test_without_the_decoder_pillow_is_named_with_the_version_that_has_it(tmp_path, monkeypatch):
     monkeypatch.setattr(photo_conversion.features, "modules", {})
     write_avif(tmp_path / "photos/a.avif")
     with pytest.raises(DataError) as caught:
         read_source([tmp_path / "photos"], converted=tmp_path / "converted")
-    assert caught.value.advice.startswith("Install Pillow 11.3 or newer")
+    assert caught.value.advice.startswith("This Pillow has no AVIF decoder; ")

@@ -99,7 +99,7 @@ def test_a_second_preparation_keeps_the_converted_photos(tmp_path):
     assert after.path.stat().st_mtime_ns == changed
 
 
-def test_a_shot_that_the_camera_also_wrote_as_jpeg_of_heic_is_not_converted(tmp_path):
+def test_a_shot_that_the_camera_also_wrote_as_jpeg_is_not_converted(tmp_path):
     folder = tmp_path / "photos"
     photo(folder / "a.jpg")
     write_heic(folder / "A.heic", pixels())
