@@ -49,8 +49,8 @@ REASONS = {
     Kind.FISHEYES: ("it shows two circles of fisheye lenses", STITCH),
     Kind.PART: (
         "it is a panorama of a part of all directions",
-        "Export all directions (equirectangular, 2:1) if the camera has photographed them, or "
-        "leave it out. panoramas=false uses it as an ordinary photo, which suits narrow ones only.",
+        "Export all directions (equirectangular, 2:1) if the camera has recorded them, or "
+        "leave it out. panoramas=false uses it as an ordinary image, which suits narrow ones only.",
     ),
     Kind.STEREO: (
         "it is a stereo panorama, with an image for each eye",
@@ -58,7 +58,8 @@ REASONS = {
     ),
     Kind.CUBE: (
         "its metadata call it a cube map, with six views in one image",
-        "Export it as equirectangular, 2:1; panoramas=false uses it as an ordinary image.",
+        "Export the video as equirectangular (2:1); panoramas=false uses its frames as ordinary "
+        "images.",
     ),
 }
 """Reasons and remedies of images that are left out."""
