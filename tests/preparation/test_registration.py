@@ -190,7 +190,10 @@ def test_panoramas_add_nothing_to_the_keys_of_finished_stages_of_photos(tmp_path
     header = Header(200, 100, has_alpha=False)
     photo = SourceImage("a.jpg", tmp_path, header, Exif())
     view = replace(photo, name="b.jpg", view=ViewOfPanorama("b.jpg", 0, 50.0))
-    for images, new in (((photo,), [set(), set()]), ((view,), [{"view"}, {"known_cameras"}])):
+    for images, new in (
+        ((photo,), [set(), set()]),
+        ((view,), [{"view", "rig"}, {"known_cameras"}]),
+    ):
         journal, found = Listener(), ImageSet(images)
         groups = group_cameras(found, CameraRule())
         registration.Registration(
