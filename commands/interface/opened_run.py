@@ -61,13 +61,16 @@ class OpenedRun:
         return render_model(self.model, self.rasterizer, cameras, self.render_settings, time)
 
 
-def open_run(run: str | Path, data: str = "", device: str = "") -> OpenedRun:
+def open_run(
+    run: str | Path, data: str = "", device: str = "", step: int | None = None
+) -> OpenedRun:
     """Open a run for rendering; a verb passes the fields of its ``RunOptions``.
 
     Args:
         run: a run folder, a checkpoint, a model file (.gsfw), or "latest".
         data: place of the data set; empty for its place in training.
         device: auto, cpu, cuda or cuda:N; empty for that of the training.
+        step: step of the checkpoint; ``None`` for that of ``run``, or else the latest.
 
     Raises:
         DataError: there is no such run or checkpoint, its data is gone, or a file is damaged.
@@ -77,7 +80,7 @@ def open_run(run: str | Path, data: str = "", device: str = "") -> OpenedRun:
     from gsfw.plugins.registry import installed
 
     found = runs.find_run(str(run), lambda _: None)
-    restored = runs.restore_run(found, installed(), changed_place(data, device))
+    restored = runs.restore_run(found, installed(), changed_place(data, device), step)
     parts = restored.composition.parts
     return OpenedRun(
         name=found.name,
