@@ -187,7 +187,8 @@ def _rows(evaluation: Evaluation, views: str) -> list[Row]:
         rows += (
             [Row("worst", f"{known[0][0]:.2f} dB", f"PSNR: {', '.join(texts)}")] if known else []
         )
-    rows.append(Row("rendering", f"{evaluation.render_ms:.1f} ms", "an image, median"))
+    if each:
+        rows.append(Row("rendering", f"{evaluation.render_ms:.1f} ms", "an image, median"))
     return rows
 
 

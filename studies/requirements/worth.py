@@ -20,7 +20,7 @@ from gsfw.core.contributions import Contributions, most_useful_part
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.requirements import LeastUseful, Motion
 from gsfw.core.maths.spherical_harmonics import degree_of
-from gsfw.core.metrics import psnr
+from gsfw.core.metrics import is_hidden, psnr
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.edits import Kept, ShTruncation
 from gsfw.studies.tradeoff.finished_model import evenly
@@ -64,9 +64,8 @@ class Worth:
             DataError: an image does not decode.
         """
         moves = not subject.is_still
-        split = Split.EVAL if len(data.views(Split.EVAL)) else Split.TRAIN
+        split, chosen = _compared(data, device)
         names = data.views(split).names
-        chosen = evenly(len(names), MOST_VIEWS)
         still = torch.tensor(STILL_TIME, device=device)
         camera = data.views(split).cameras[chosen[0]].to(device)
         degree = _drawn_degree(subject.splats(still, camera))
@@ -91,6 +90,19 @@ class Worth:
             ),
             motion=Motion(whole - found[-1], STILL_TIME) if moves else None,
         )
+
+
+def _compared(data: DataManager, device: torch.device) -> tuple[Split, Sequence[int]]:
+    """The split whose views are compared, and some of them that masks do not hide."""
+    for split in (Split.EVAL, Split.TRAIN):
+        chosen = evenly(len(data.views(split)), MOST_VIEWS)
+        batches = _photos(data, split, chosen, device)
+        shown = [
+            view for view, batch in zip(chosen, batches, strict=True) if not is_hidden(batch.valid)
+        ]
+        if shown:
+            return split, shown
+    return split, chosen
 
 
 def _drawn_degree(splats: Splats) -> int:

@@ -35,8 +35,8 @@ def gaussians(splats, degree=3, kind=StaticGaussians):
 class DrawnData(DataManager):
     """Its images are what a model looks like: without errors, PSNR is as high as it gets."""
 
-    def __init__(self, model, views=2, times=0, held_out=True):
-        self._times = times
+    def __init__(self, model, views=2, times=0, held_out=True, hidden=None):
+        self._times, self._hidden = times, hidden or {}
         self._views = []
         for number in range(views):
             moment = torch.tensor([number / max(views - 1, 1)]) if times else None
@@ -62,7 +62,16 @@ class DrawnData(DataManager):
 
     def load(self, split, indices, device):
         views = self._views
-        return [Batch(self._images[i][None], Cameras.cat([views[i]]), (i,)) for i in indices]
+        hidden = torch.zeros(1, 18, 24, 1, dtype=torch.bool)
+        return [
+            Batch(
+                self._images[i][None],
+                Cameras.cat([views[i]]),
+                (i,),
+                mask=hidden if i in self._hidden.get(split, ()) else None,
+            )
+            for i in indices
+        ]
 
 
 class Plain(ReferenceRasterizer):
@@ -90,6 +99,17 @@ def test_bands_of_a_matte_scene_buy_nothing():
     assert found.views == ("v0", "v1")
     assert found.split is Split.EVAL
     assert found.motion is None
+
+
+@pytest.mark.parametrize(
+    ("hidden", "views", "split"),
+    [((1,), ("v0", "v2"), Split.EVAL), ((0, 1, 2), ("v0", "v1", "v2"), Split.TRAIN)],
+)
+def test_views_that_masks_hide_are_not_compared(hidden, views, split):
+    model = gaussians(matte())
+    data = DrawnData(model, views=3, hidden={Split.EVAL: hidden})
+    found = Worth.of(subject_of(model, kind=Plain), data, CPU)
+    assert (found.views, found.split) == (views, split)
 
 
 @pytest.mark.parametrize("band", [1, 2, 3])
