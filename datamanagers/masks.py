@@ -13,7 +13,7 @@ from jaxtyping import Bool, UInt8
 from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
-from gsfw.core.words import listed
+from gsfw.core.words import counted, listed
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.images import DecodedImage, load_mask
 from gsfw.datamanagers.mask_folder import MaskFolder
@@ -232,7 +232,8 @@ def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> 
     if hidden:
         names = listed([frame.name for frame in hidden])
         notes.append(
-            f"masks leave nothing of {len(hidden)} images, which no figure counts: {names}"
+            f"masks hide {counted(len(hidden), 'image')} completely, and no figure includes "
+            f"{'it' if len(hidden) == 1 else 'them'}: {names}"
         )
     if len(masked) < len(frames):
         bare = [frame.name for frame in frames if frame.mask is None]

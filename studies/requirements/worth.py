@@ -20,10 +20,10 @@ from gsfw.core.contributions import Contributions, most_useful_part
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.requirements import LeastUseful, Motion
 from gsfw.core.maths.spherical_harmonics import degree_of
-from gsfw.core.metrics import is_hidden, psnr
+from gsfw.core.metrics import psnr
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.edits import Kept, ShTruncation
-from gsfw.studies.tradeoff.finished_model import evenly
+from gsfw.studies.tradeoff.finished_model import compared_views
 from gsfw.studies.tradeoff.subject import Edit, Subject
 
 MOST_VIEWS = 8
@@ -64,7 +64,9 @@ class Worth:
             DataError: an image does not decode.
         """
         moves = not subject.is_still
-        split, chosen = _compared(data, device)
+        split, chosen = Split.EVAL, compared_views(data, Split.EVAL, MOST_VIEWS, device)
+        if not chosen:
+            split, chosen = Split.TRAIN, compared_views(data, Split.TRAIN, MOST_VIEWS, device)
         names = data.views(split).names
         still = torch.tensor(STILL_TIME, device=device)
         camera = data.views(split).cameras[chosen[0]].to(device)
@@ -90,19 +92,6 @@ class Worth:
             ),
             motion=Motion(whole - found[-1], STILL_TIME) if moves else None,
         )
-
-
-def _compared(data: DataManager, device: torch.device) -> tuple[Split, Sequence[int]]:
-    """The split whose views are compared, and some of them that masks do not hide."""
-    for split in (Split.EVAL, Split.TRAIN):
-        chosen = evenly(len(data.views(split)), MOST_VIEWS)
-        batches = _photos(data, split, chosen, device)
-        shown = [
-            view for view, batch in zip(chosen, batches, strict=True) if not is_hidden(batch.valid)
-        ]
-        if shown:
-            return split, shown
-    return split, chosen
 
 
 def _drawn_degree(splats: Splats) -> int:

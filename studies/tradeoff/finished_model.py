@@ -13,9 +13,10 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras, shrunk_to
 from gsfw.core.capabilities import Capabilities
-from gsfw.core.datamanager import Split
+from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import DataError
 from gsfw.core.loop.training_parts import TrainingParts
+from gsfw.core.metrics import is_hidden
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
@@ -57,13 +58,16 @@ class FinishedModel:
         """
         self.restored, self.registry, self.name = restored, registry, name
         self.is_model_file = is_model_file
-        every = len(self.parts.data.views(Split.EVAL))
-        if not every:
+        data = self.parts.data
+        if data.has_images:
+            self.views = compared_views(data, Split.EVAL, views, self.device)
+        else:
+            self.views = evenly(len(data.views(Split.EVAL)), views)
+        if not self.views:
             raise DataError(
                 f"{name} has no held-out images to measure accuracy on.",
                 "Train a run that holds some out: holdout_every=8.",
             )
-        self.views = evenly(every, views)
 
     @property
     def parts(self) -> TrainingParts:
@@ -162,6 +166,21 @@ def evenly(every: int, most: int) -> list[int]:
     """At most ``most`` of ``every`` places, in the middles of parts of equal length."""
     count = min(most, every)
     return [round((index + 0.5) * every / count - 0.5) for index in range(count)]
+
+
+def compared_views(data: DataManager, split: Split, most: int, device: torch.device) -> list[int]:
+    """At most ``most`` views of a split, spread evenly, but those that masks hide completely.
+
+    Raises:
+        DataError: an image does not decode.
+    """
+    chosen, found = evenly(len(data.views(split)), most), []
+    for place, view in enumerate(chosen):
+        data.prefetch(split, chosen[place + 1 : place + 3])
+        (batch,) = data.load(split, [view], device)
+        if not is_hidden(batch.valid):
+            found.append(view)
+    return found
 
 
 @dataclass(frozen=True)

@@ -214,7 +214,7 @@ def test_masks_that_are_missing_or_leave_nothing_are_noted(folder):
     assert mask_notes(data) == [
         "2 of 3 images have masks, which keep 25 % of their pixels: pixels outside of the "
         "masks have no loss (datamanager.mask_mode=ignore)",
-        "masks leave nothing of 1 images, which no figure counts: view_001.png",
+        "masks hide 1 image completely, and no figure includes it: view_001.png",
         "no mask, so that all pixels count: 1 images, such as view_000.png",
     ]
     assert bool(load(data).valid[0].all())

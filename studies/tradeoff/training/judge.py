@@ -15,7 +15,7 @@ from gsfw.plugins.run_source import is_dynamic
 from gsfw.plugins.settings import Layer
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Result, ResultStore
-from gsfw.studies.tradeoff.finished_model import evenly
+from gsfw.studies.tradeoff.finished_model import compared_views
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
 from gsfw.studies.tradeoff.measurement import Turn
 from gsfw.studies.tradeoff.subject import Subject
@@ -109,7 +109,7 @@ class RunJudge:
         assert settings.background is not None
         found = []
         with deterministic(parts.device):
-            for place in evenly(len(parts.data.views(Split.EVAL)), MOST_VIEWS):
+            for place in compared_views(parts.data, Split.EVAL, MOST_VIEWS, parts.device):
                 (batch,) = parts.data.load(Split.EVAL, [place], parts.device)
                 shown = render_model(
                     parts.model, parts.rasterizer, batch.cameras, settings, batch.time
