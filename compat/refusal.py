@@ -35,4 +35,4 @@ def refuse_unknown(function: str, given: Mapping[str, object]) -> None:
         UnservedArgument: there is one.
     """
     for name in given:
-        raise refuse(function, name, ELSEWHERE)
+        raise refuse(function, name)

@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import types
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jaxtyping
 from beartype import beartype
@@ -30,7 +30,7 @@ class Checks:
     """
 
     limit = CHECKED_CALLS
-    calls: dict[int, int] = {}  # noqa: RUF012 - Shared by all functions.
+    calls: ClassVar[dict[int, int]] = {}
 
     @classmethod
     def start(cls, limit: int) -> None:

@@ -222,7 +222,8 @@ class _Comparison:
             inside = None if kept is None else kept[0]
             is_lit = self._parts.corrections.exposures is None
             lit = image if is_lit else color_corrected(image, target, inside)
-            figures[KEPT_PSNR] = psnr(lit, target, inside)
+            if not is_hidden(inside):
+                figures[KEPT_PSNR] = psnr(lit, target, inside)
         if self._is_sought and self._parts.contradicts(*seen, self._split):
             self._contradicted.append(index)
         if self._baselines is not None:

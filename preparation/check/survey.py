@@ -62,7 +62,7 @@ class Survey:
     @cached_property
     def surface(self) -> Surface | None:
         """``None`` where there are no points and cameras look at no one point."""
-        viewpoints = self.viewpoints
+        viewpoints = self.viewpoints  # Before the stage: one is shown at a time.
         with stage("measuring points"):
             return Surface.of(self.scene, viewpoints)
 

@@ -94,7 +94,7 @@ class ViewMatches:
             kept = np.flatnonzero(explained)
             kept = kept[np.unique(np.linspace(0, len(kept) - 1, KEPT).astype(int))]
             views = images[i].view, images[j].view
-            sides = (images[i].preview.shape[1::-1], images[j].preview.shape[1::-1])
+            sides = (images[i].pixels.shape[1::-1], images[j].pixels.shape[1::-1])
             scales = [viewpoints.sizes[v] / side for v, side in zip(views, sides, strict=True)]
             pairs.append(views)
             found.append((first[kept] * scales[0], second[kept] * scales[1]))

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image, features
 from PIL.ExifTags import Base
 from support import color_profiles
-from support.source_photos import names, only_left_out, photo
+from support.source_photos import GREEN, RED, names, only_left_out, photo, red_and_green
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.coded_colors import PQ, coded_to_srgb
@@ -24,16 +24,8 @@ pytestmark = pytest.mark.skipif(
     reason="this Pillow does not decode AVIF",
 )
 
-RED, GREEN = (200, 60, 40), (30, 180, 60)
 CODING = 6
 """Deviation that AV1 and JPEG cause inside of areas of one colour, of 255."""
-
-
-def pixels() -> np.ndarray:
-    """Red on the left, green on the right."""
-    image = np.empty((48, 64, 3), np.uint8)
-    image[:, :32], image[:, 32:] = RED, GREEN
-    return image
 
 
 def write_avif(path: Path, profile: bytes = b"", orientation: int = 1) -> Path:
@@ -41,7 +33,7 @@ def write_avif(path: Path, profile: bytes = b"", orientation: int = 1) -> Path:
     exif = Image.Exif()
     exif[Base.Make], exif[Base.Orientation] = "Phone", orientation
     content = io.BytesIO()
-    Image.fromarray(pixels()).save(
+    Image.fromarray(red_and_green()).save(
         content, "AVIF", quality=95, speed=9, exif=exif, icc_profile=profile or None
     )
     path.write_bytes(content.getvalue())
@@ -70,8 +62,8 @@ def test_an_avif_photo_is_upright_and_has_its_name_and_exif_data(tmp_path):
 def test_colors_of_a_profile_become_srgb(tmp_path):
     profile = color_profiles.profile(color_profiles.DISPLAY_P3)
     write_avif(tmp_path / "photos/a.jpg", profile)
-    expected = np.asarray(in_srgb(Image.fromarray(pixels()), "RGB", profile)).astype(int)
-    assert np.abs(expected - pixels()).max() > 2 * CODING
+    expected = np.asarray(in_srgb(Image.fromarray(red_and_green()), "RGB", profile)).astype(int)
+    assert np.abs(expected - red_and_green()).max() > 2 * CODING
     for column in (10, 50):
         found = shown(tmp_path / "photos")[20, column]
         assert np.abs(found - expected[20, column]).max() <= CODING
@@ -81,8 +73,8 @@ def test_photos_of_coded_colors_become_srgb(tmp_path):
     path = write_avif(tmp_path / "photos/a.avif")
     before, box, after = path.read_bytes().partition(COLOR_CODES)
     path.write_bytes(before + box + struct.pack(">2H", 9, PQ) + after[4:])
-    expected = coded_to_srgb(pixels().astype(np.uint16) * 257, PQ, 9).astype(int)
-    assert np.abs(expected - pixels()).max() > 2 * CODING
+    expected = coded_to_srgb(red_and_green().astype(np.uint16) * 257, PQ, 9).astype(int)
+    assert np.abs(expected - red_and_green()).max() > 2 * CODING
     for column in (10, 50):
         found = shown(tmp_path / "photos")[20, column]
         assert np.abs(found - expected[20, column]).max() <= 2 * CODING

@@ -11,7 +11,16 @@ from PIL import Image
 from PIL.ExifTags import IFD, Base
 from support import color_profiles
 from support.heic_files import write_heic
-from support.source_photos import HEIC_ADVICE, names, only_left_out, photo, written
+from support.source_photos import (
+    GREEN,
+    HEIC_ADVICE,
+    RED,
+    names,
+    only_left_out,
+    photo,
+    red_and_green,
+    written,
+)
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.coded_colors import PQ, coded_to_srgb
@@ -23,16 +32,8 @@ from gsfw.preparation.source import read_source
 
 pytest.importorskip("pi_heif", reason="pi-heif, which decodes HEIC, is not installed")
 
-RED, GREEN = (200, 60, 40), (30, 180, 60)
 CODING = 6
 """Deviation that HEVC and JPEG cause inside of areas of one colour, of 255."""
-
-
-def pixels() -> np.ndarray:
-    """Red on the left, green on the right."""
-    image = np.empty((48, 64, 3), np.uint8)
-    image[:, :32], image[:, 32:] = RED, GREEN
-    return image
 
 
 def exif() -> bytes:
@@ -50,7 +51,7 @@ def source(folder: Path):
 def test_a_heic_photo_is_upright_and_has_its_name_and_exif_data(tmp_path):
     folder = tmp_path / "photos"
     folder.mkdir()
-    write_heic(folder / "IMG_1.HEIC", pixels(), exif(), turns=3)
+    write_heic(folder / "IMG_1.HEIC", red_and_green(), exif(), turns=3)
     found = source(folder)
     (image,) = found.images.images
     assert image.name == "IMG_1.jpg"
@@ -65,10 +66,10 @@ def test_a_heic_photo_is_upright_and_has_its_name_and_exif_data(tmp_path):
 
 def test_colors_of_a_profile_become_srgb(tmp_path):
     profile = color_profiles.profile(color_profiles.DISPLAY_P3)
-    path = write_heic(tmp_path / "a.heic", pixels(), profile=profile)
+    path = write_heic(tmp_path / "a.heic", red_and_green(), profile=profile)
     shown = opened(_jpeg_of_heic(path))
-    expected = np.asarray(in_srgb(Image.fromarray(pixels()), "RGB", profile)).astype(int)
-    assert np.abs(expected - pixels()).max() > 2 * CODING
+    expected = np.asarray(in_srgb(Image.fromarray(red_and_green()), "RGB", profile)).astype(int)
+    assert np.abs(expected - red_and_green()).max() > 2 * CODING
     for column in (10, 50):
         assert np.abs(shown[20, column] - expected[20, column]).max() <= CODING
 
@@ -89,7 +90,7 @@ def opened(content: bytes) -> np.ndarray:
 def test_a_second_preparation_keeps_the_converted_photos(tmp_path):
     folder = tmp_path / "photos"
     folder.mkdir()
-    write_heic(folder / "a.jpg", pixels())
+    write_heic(folder / "a.jpg", red_and_green())
     (before,) = source(folder).images.images
     with before.path.open("r+b") as file:
         file.write(before.path.read_bytes())
@@ -102,7 +103,7 @@ def test_a_second_preparation_keeps_the_converted_photos(tmp_path):
 def test_a_shot_that_the_camera_also_wrote_as_jpeg_is_not_converted(tmp_path):
     folder = tmp_path / "photos"
     photo(folder / "a.jpg")
-    write_heic(folder / "A.heic", pixels())
+    write_heic(folder / "A.heic", red_and_green())
     found = source(folder)
     assert names(found) == ["a.jpg"]
     assert only_left_out(found).reason == "HEIC files are not read; a.jpg is used"
@@ -111,7 +112,7 @@ def test_a_shot_that_the_camera_also_wrote_as_jpeg_is_not_converted(tmp_path):
 def test_a_damaged_file_is_left_out_with_the_reason(tmp_path):
     folder = tmp_path / "photos"
     photo(folder / "a.jpg")
-    whole = write_heic(folder / "b.heic", pixels()).read_bytes()
+    whole = write_heic(folder / "b.heic", red_and_green()).read_bytes()
     (folder / "b.heic").write_bytes(whole[:-60])
     left_out = only_left_out(source(folder))
     assert (left_out.name, left_out.reason, left_out.advice) == (
@@ -125,7 +126,7 @@ def test_several_photos_keep_their_order_whichever_is_decoded_first(tmp_path, mo
     folder = tmp_path / "photos"
     folder.mkdir()
     for number, name in enumerate("abcd", 1):
-        write_heic(folder / f"{name}.heic", pixels() // number)
+        write_heic(folder / f"{name}.heic", red_and_green() // number)
     (folder / "b.heic").write_bytes((folder / "b.heic").read_bytes()[:-60])
     monkeypatch.setattr("gsfw.preparation.photo_conversion.cores", lambda: 2)
     other_is_done = Event()
@@ -148,7 +149,7 @@ def test_several_photos_keep_their_order_whichever_is_decoded_first(tmp_path, mo
 def test_the_clip_of_a_live_photo_is_still_known(tmp_path):
     folder = tmp_path / "photos"
     folder.mkdir()
-    write_heic(folder / "IMG_1.HEIC", pixels())
+    write_heic(folder / "IMG_1.HEIC", red_and_green())
     written(folder / "IMG_1.MOV", b"clip")
     assert only_left_out(source(folder)).reason == "it is the clip of the live photo IMG_1.jpg"
 
@@ -157,7 +158,7 @@ def test_without_the_decoder_its_name_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pi_heif", None)
     folder = tmp_path / "photos"
     folder.mkdir()
-    write_heic(folder / "a.heic", pixels())
+    write_heic(folder / "a.heic", red_and_green())
     with pytest.raises(DataError) as caught:
         source(folder)
     assert caught.value.advice == HEIC_ADVICE

@@ -3,12 +3,14 @@
 import itertools
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.source import Source
 
 SERIAL = itertools.count()
+RED, GREEN = (200, 60, 40), (30, 180, 60)
 HEIC_ADVICE = (
     "Install their decoder, and the same command uses them: pip install 'gsfw[heic]'. Or convert "
     "them to JPEG. macOS: sips -s format jpeg *.HEIC --out FOLDER. Linux: heif-convert -q "
@@ -25,6 +27,13 @@ def photo(path: Path, size: tuple[int, int] = (8, 6), content: str = "", **setti
     shade = (37 * number % 256, 91 * number % 256, 11 * number % 256)
     Image.new("RGB", size, shade).save(path, content or None, **settings)
     return path
+
+
+def red_and_green() -> np.ndarray:
+    """An image that is red on the left and green on the right, whose colours codecs keep inside."""
+    image = np.empty((48, 64, 3), np.uint8)
+    image[:, :32], image[:, 32:] = RED, GREEN
+    return image
 
 
 def photos(folder: Path, *names: str) -> Path:

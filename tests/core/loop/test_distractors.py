@@ -249,6 +249,21 @@ def test_figures_of_a_run_count_the_pixels_that_are_kept(tmp_path):
 
 
 @pytest.mark.unchecked
+def test_an_image_of_which_no_pixel_is_kept_has_no_figure_of_kept_pixels(tmp_path, monkeypatch):
+    run = with_parts(
+        trainer(tmp_path, "none", Recorder(), steps=3), distractors=UpperThird(start=2)
+    )
+    usual = UpperThird.without_some
+
+    def none_kept(self, batch, *seen):
+        kept = usual(self, batch, *seen)
+        return replace(kept, left_out=torch.ones_like(kept.left_out))
+
+    monkeypatch.setattr(UpperThird, "without_some", none_kept)
+    assert "kept_psnr" not in evaluate(run.parts, run.plan.settings, step=3).means
+
+
+@pytest.mark.unchecked
 def test_kept_pixels_of_held_out_images_are_compared_with_fitted_colours(tmp_path):
     run = with_parts(
         trainer(tmp_path, "none", Recorder(), steps=6), distractors=UpperThird(start=2)
