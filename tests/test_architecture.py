@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 
 SPECS = "gsfw.plugins.specs"
@@ -153,6 +155,7 @@ def modules_after(*steps: str) -> list[set[str]]:
     return [set(line.split()) for line in result.stdout.splitlines()[-len(steps) :]]
 
 
+@pytest.mark.slow
 def test_core_imports_no_implementation_a_run_no_scipy_and_charts_no_matplotlib():
     charts = (
         *("charts.census", "charts.dots", "charts.fronts", "charts.heat_map", "charts.time_plot"),

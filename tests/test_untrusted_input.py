@@ -116,6 +116,7 @@ def faults(text: str, place: str) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_no_call_runs_what_it_reads_or_reaches_out():
     found = []
     for path in sources():

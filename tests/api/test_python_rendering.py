@@ -32,6 +32,7 @@ def few_splats() -> dict[str, torch.Tensor]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.unchecked
 def test_gradients_of_a_render_are_its_finite_differences():
     camera = Cameras.look_at(torch.tensor([0.3, -0.4, -3.0]).double(), width=3, height=2)
@@ -107,6 +108,7 @@ def test_what_does_not_fit_is_refused_with_the_remedy():
         render(replace(splats, opacities=torch.full((2,), 1.5)), camera)
 
 
+@pytest.mark.slow
 def test_matrices_of_any_kind_make_cameras():
     pose, lens = front_camera().world_to_camera[0], front_camera().intrinsics[0]
     expected = front_camera()

@@ -72,6 +72,7 @@ def states() -> dict[str, object]:
     }
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_opened_with_its_figures_views_and_images(finished_run, capsys):
     run = open_run(finished_run)
     assert repr(run) == f"<gsfw.Run {finished_run}: 3dgs, finished>"
@@ -94,6 +95,7 @@ def test_a_finished_run_is_opened_with_its_figures_views_and_images(finished_run
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_what_is_exported_renders_as_the_run_does(finished_run, tmp_path):
     run = open_run(finished_run)
     expected = run.render(run.cameras(), background="black").color

@@ -69,6 +69,7 @@ def test_a_folder_that_is_not_there_is_a_wrong_option(tmp_path):
     assert "--data /no/such/folder: there is no such folder" in ended.stderr
 
 
+@pytest.mark.slow
 def test_the_package_is_importable_without_a_build(tmp_path):
     folder = make_package(tmp_path)
     code = (
@@ -91,6 +92,7 @@ def test_the_package_is_importable_without_a_build(tmp_path):
     assert make_package(tmp_path) == folder  # A second time too.
 
 
+@pytest.mark.slow
 def test_a_wheel_that_is_none_is_told(tmp_path):
     wheel = tmp_path / "broken-1.0-py3-none-any.whl"
     wheel.write_bytes(b"nothing")
@@ -304,6 +306,7 @@ def test_a_training_takes_as_many_steps_as_fit(tmp_path, monkeypatch, seconds_pe
     assert "PSNR 30.00 dB, 512 MB" in (tmp_path / "gpu.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_gsplat_that_does_not_install_says_so(tmp_path):
     wheel = tmp_path / "gsplat-1.5.3-py3-none-any.whl"
     wheel.write_bytes(b"nothing")

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import gpu_kernels
+import pytest
 import torch
 from gpu_session import Session
 from support.calls import CountedLauncher
@@ -26,6 +27,7 @@ def test_the_program_that_sanitizers_watch_runs(monkeypatch, capsys):
     assert capsys.readouterr().out == "all kernels have run\n"
 
 
+@pytest.mark.slow
 def test_it_runs_every_kernel_of_fields():
     launcher = CountedLauncher()
     operators = CudaOperators(launcher)

@@ -90,6 +90,7 @@ def test_a_model_is_rendered_over_the_background_of_its_trainer(scene):
     assert over_white.psnr < views.score(scene / "made.ply").psnr - 10
 
 
+@pytest.mark.slow
 def test_trainers_get_the_training_views_at_the_size_of_training_and_no_others(scene):
     views = HeldOutViews.open(scene / "scene", 2)
     folder = write_training_views(views.data, scene / "written")
@@ -158,6 +159,7 @@ def test_a_trainer_that_leaves_no_model_is_named(scene):
         run(job, threads=1)
 
 
+@pytest.mark.slow
 def test_the_bench_scores_fake_trainers_and_goes_on_where_it_stopped(scene, monkeypatch, capsys):
     made = scene / "made.ply"
     fakes = [fake_job(scene, made), fake_job(scene, made, peer="other")]

@@ -105,6 +105,7 @@ def dynamic_evaluation() -> Evaluation:
     return Evaluation((), (), 1.0, {"psnr": 30.5}, curve, {"moving_region": "masks"})
 
 
+@pytest.mark.slow
 def test_an_evaluation_over_time_leaves_a_plot_and_says_which_step_it_is_of(tmp_path):
     results, control = Results(), Control()
     results.on_start(run_info(tmp_path), control)

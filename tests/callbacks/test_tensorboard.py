@@ -317,13 +317,9 @@ def test_a_run_that_was_stopped_before_any_checkpoint_begins_anew(tmp_path):
     assert steps_shown(tmp_path, "1_run/text_summary") == [0]
 
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        pytest.param(SMALL_SCENE, id="static"),
-        pytest.param(MOVING, id="moving", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [SMALL_SCENE, MOVING], ids=["static", "moving"])
 def test_watching_changes_no_bit_of_what_is_trained(tmp_path, scene):
     method = "3dgs" if scene is SMALL_SCENE else "spacetime"
     states = []

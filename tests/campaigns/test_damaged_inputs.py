@@ -19,6 +19,7 @@ from sound_captures import CAPTURES
 from support.damage import FOREIGN_NAMES
 from support.reader_faults import CAN_STOP, fault
 from support.readers_under_test import MODELS
+from support.sampling import sampled
 from trial import tried
 
 from gsfw.core.errors import DataError, UserError
@@ -50,7 +51,7 @@ NAMES = sorted(
 """Targets without the importers, which have short forms in tests/formats, and without videos."""
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sampled([(name,) for name in NAMES], range(0, len(NAMES), 8)))
 def test_sound_files_are_read_and_few_damaged_ones_end_in_data_or_words(listed, tmp_path, name):
     target = listed[name]
     for files in target.sets(tmp_path / "sound"):
@@ -166,6 +167,7 @@ def test_a_planted_defect_is_found_and_its_files_are_kept(tmp_path, read, words)
     assert (kept / "FAULT.txt").read_text().startswith("planted, _write, seed 1, execution ")
 
 
+@pytest.mark.slow
 def test_the_same_seed_has_the_same_findings(tmp_path):
     first, second = (
         [each.execution for each in tried(planted(_raises), tmp_path / n, range(700), 1).findings]
@@ -174,6 +176,7 @@ def test_the_same_seed_has_the_same_findings(tmp_path):
     assert first == second != []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CAN_STOP, reason="the system has no alarm that stops a reader")
 def test_a_planted_hang_is_found(tmp_path, monkeypatch):
     monkeypatch.setattr("trial.fault", lambda *given: fault(*given, seconds=0.05))

@@ -83,6 +83,7 @@ def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeyp
     assert (tmp_path / "check.png").is_file()
 
 
+@pytest.mark.slow
 def test_view_dependence_is_told_where_tracks_are(capsys, tmp_path):
     folder = track_ball(tmp_path / "a").folder
     document = check(capsys, folder, "out=none")
@@ -146,6 +147,7 @@ def both(capsys, data, *words):
     return checked, dry, said.out + said.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["3dgs", "4dgs"])
 def test_check_and_a_dry_run_refuse_the_same_method(good, capsys, method):
     checked, dry, said = both(capsys, good, f"method={method}", "downscale=2", "device=cpu")
@@ -161,6 +163,7 @@ def test_one_camera_at_each_time_is_refused_by_both_for_tracking(tmp_path, capsy
     assert "everything fits" not in said
 
 
+@pytest.mark.slow
 def test_a_dry_run_does_not_say_that_everything_fits_where_check_says_that_nothing_trains(
     tmp_path, capsys
 ):

@@ -162,6 +162,7 @@ def test_folders_motion_and_whole_models_are_written_too(source, tmp_path, capsy
     assert said.startswith("format moving holds splats at all times: time and sh_degree are for")
 
 
+@pytest.mark.slow
 def test_a_run_is_converted_at_a_time(moving_run, capsys):
     first = converted(capsys, moving_run, "first.ply", "check=false")
     converted(capsys, moving_run, "later.ply", "time=1", "check=false")

@@ -17,6 +17,7 @@ from gsfw.plugins.restore import restore
 from gsfw.plugins.run_source import RunSource
 
 
+@pytest.mark.slow
 def test_the_file_holds_all_times_in_the_world_and_says_how_near_it_is(
     moving_run, tmp_path, capsys
 ):

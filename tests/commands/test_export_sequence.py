@@ -28,6 +28,7 @@ def listed(folder):
     return json.loads((folder / "times.json").read_text())["files"]
 
 
+@pytest.mark.slow
 def test_times_are_even_from_first_to_last(run, tmp_path, capsys):
     assert main(["export", str(run), "times=5", f"out={tmp_path}", "json=true"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -43,6 +44,7 @@ def test_times_are_even_from_first_to_last(run, tmp_path, capsys):
     assert steps[0] > 0.01
 
 
+@pytest.mark.slow
 def test_all_are_the_times_of_the_data_and_its_own_unit_is_kept(run, tmp_path):
     assert main(["export", str(run), "times=all", f"out={tmp_path}"]) == 0
     times = [entry["time"] for entry in listed(tmp_path)]

@@ -153,6 +153,7 @@ def test_the_help_explains_the_options_of_the_given_format(capsys):
     assert capsys.readouterr().out.endswith("format plain: plain dots\n  It has no options.\n")
 
 
+@pytest.mark.slow
 def test_options_are_completed_and_in_the_reference():
     assert "export format=dots|format.colors=|all none" in completion_table(installed())
     text = dict(settings_pages(installed()))["formats"]

@@ -256,6 +256,7 @@ def test_pictures_that_show_nothing_will_not_train(tmp_path, capsys):
     assert size_of(tmp_path / "out" / "prepare.png")[0] == 1200
 
 
+@pytest.mark.slow
 def test_everything_again_cuts_panoramas_again(tmp_path):
     (tmp_path / "photos").mkdir()
     Image.new("RGB", (512, 256)).save(tmp_path / "photos" / "a.jpg", xmp=FULL_XMP)

@@ -49,6 +49,7 @@ def arc(prepared, tmp_path):
     return prepared[0], copytree(prepared[1], tmp_path / "copy")
 
 
+@pytest.mark.slow
 def test_points_of_all_surfaces_are_written_beside_the_data_set(arc, tmp_path, capsys):
     main(["prepare", str(arc[0]), f"out={tmp_path / 'out'}", "dense=true"])
     assert "surface points: " in capsys.readouterr().out
@@ -81,6 +82,7 @@ def trained(monkeypatch):
     return started
 
 
+@pytest.mark.slow
 def test_a_planned_run_is_suggested_no_size_of_images(arc, capsys, monkeypatch, trained):
     monkeypatch.setattr(plan, "LONG_SIDE", 80)  # The photos have 96 pixels.
     source, out = arc

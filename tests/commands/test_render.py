@@ -95,6 +95,7 @@ def test_held_out_views_are_drawn_beside_their_photos_and_an_orbit(finished_run,
         assert picture.n_frames == 4
 
 
+@pytest.mark.slow
 def test_what_moves_is_drawn_over_time_too(moving_run, tmp_path):
     assert render(moving_run, tmp_path, "frames=3") == 0
     names = files(tmp_path)
@@ -110,6 +111,7 @@ def test_what_moves_is_drawn_over_time_too(moving_run, tmp_path):
     assert not np.array_equal(still, moving)
 
 
+@pytest.mark.slow
 def test_a_fixed_camera_is_that_of_a_view(moving_run, tmp_path):
     assert render(moving_run, tmp_path, "what=views") == 0
     arguments = ("what=time", "frames=3", "camera=eval_001", "video=none")
@@ -145,6 +147,7 @@ def test_time_cannot_pass_in_a_static_capture(finished_run, tmp_path, capsys):
     )
 
 
+@pytest.mark.slow
 def test_time_cannot_pass_for_a_static_method(blurred_run, tmp_path, capsys):
     assert render(blurred_run, tmp_path, "what=orbit-time") == 2
     assert "what=orbit-time: method 3dgs is static, so all" in capsys.readouterr().err

@@ -54,6 +54,7 @@ def test_the_same_is_in_the_picture_in_tensorboard_and_in_the_log(finished_run):
     assert f"requirements: {found['headline']}" in folder.log.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fine_charts")
 def test_the_summary_of_a_run_has_it_and_info_shows_it(tmp_path, capsys):
     out = str(tmp_path / "run")
@@ -182,10 +183,9 @@ def test_a_rasterizer_of_another_kind_is_reported_too(tmp_path):
     assert document(tmp_path / "run")["least_useful"]
 
 
-@pytest.mark.parametrize(
-    ("method", "group"),
-    [pytest.param("spacetime", "time parameters", marks=pytest.mark.slow), ("4dgs", "grid")],
-)
+@pytest.mark.slow
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "group"), [("spacetime", "time parameters"), ("4dgs", "grid")])
 def test_moving_methods_say_what_time_took_and_bought(tmp_path, method, group):
     arguments = (*MOVING, f"method={method}", "steps=8", f"out={tmp_path / 'run'}")
     assert main(["train", *arguments]) == 0

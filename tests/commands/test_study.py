@@ -80,6 +80,7 @@ def test_tables_are_made_again_from_results_alone(file, out, tmp_path, monkeypat
     assert f"command: `gsfw study {file} {out}`" in report
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_programs_get_one_document(file, out, tmp_path, capsys):
     file.write_text(STUDY.replace("[1]", f"[1, {REFUSED}]"))

@@ -101,6 +101,7 @@ def test_a_search_halves_recommends_and_goes_on(tmp_path, capsys, quick):
     assert json.loads((tmp_path / "tradeoff.json").read_text())["variants"] == list(found.values())
 
 
+@pytest.mark.slow
 def test_time_that_is_over_leaves_runs_for_the_same_command(tmp_path, capsys, quick):
     words = [*TINY, "steps=400", "downscale=1", f"out={tmp_path}", "axes=antialias"]
     error = told(capsys, *words, "budget.minutes=1e-6", code=2)

@@ -138,6 +138,7 @@ def test_a_resolution_schedule_that_cannot_be_is_explained(capsys):
     )
 
 
+@pytest.mark.slow
 def test_dry_run_says_how_pictures_will_grow(capsys):
     sizes = ("datamanager.width=128", "datamanager.height=96", "steps=1000")
     asked = ("train", *SMALL, *sizes, "resolution_schedule=auto", "--dry-run")
@@ -185,6 +186,7 @@ def test_a_run_goes_to_a_folder_of_its_own_and_says_what_is_next(capsys, tmp_pat
     assert (tmp_path / "scene.spz").is_file()
 
 
+@pytest.mark.slow
 def test_of_a_moving_model_all_times_are_exported_next(capsys):
     moving = [
         *SMALL,
@@ -210,6 +212,7 @@ def test_with_json_standard_output_is_the_summary_alone(capsys, tmp_path):
     assert document["steps"] == 4
 
 
+@pytest.mark.slow
 def test_the_saved_config_makes_the_same_run_again(capsys):
     assert main(["train", *SMALL, "strategy=mcmc", "seed=7", "out=first"]) == 0
     assert main(["train", "config=first/config.yaml", "out=second"]) == 0

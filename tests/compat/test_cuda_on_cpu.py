@@ -7,6 +7,7 @@ from gsfw.compat.cuda_on_cpu import CudaOnCpu
 pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU to name")
 
 
+@pytest.mark.slow
 def test_tensors_that_are_asked_for_on_cuda_are_on_the_cpu(tmp_path):
     torch.save(torch.ones(2), tmp_path / "tensor.pt")
     with CudaOnCpu():
@@ -28,6 +29,7 @@ def test_tensors_that_are_asked_for_on_cuda_are_on_the_cpu(tmp_path):
     assert made[-1].dtype == torch.float64
 
 
+@pytest.mark.slow
 def test_calls_that_need_a_gpu_do_nothing_and_come_back_afterwards():
     before = torch.cuda.Event, torch.cuda.synchronize, torch.load, torch.Generator
     with CudaOnCpu():

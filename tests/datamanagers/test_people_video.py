@@ -32,6 +32,7 @@ def shared_videos(tmp_path_factory):
     data.close()
 
 
+@pytest.mark.slow
 def test_it_is_a_set_of_4_cameras_and_100_times(shared_data):
     folder = shared_data / "dynamic/people_video"
     data = SynchronisedVideosConfig().build(DataRequest(folder))

@@ -12,6 +12,7 @@ from gsfw.datamanagers.colmap.config import ColmapConfig
 CPU = torch.device("cpu")
 
 
+@pytest.mark.slow
 def test_fox_is_seen_as_colmap_sees_it(shared_data):
     pycolmap = pytest.importorskip("pycolmap")
     data = ColmapConfig().build(DataRequest(shared_data / "captures/fox"))
@@ -41,6 +42,7 @@ def test_fox_loads_a_downscaled_image(shared_data):
     data.close()
 
 
+@pytest.mark.slow
 def test_plush_reads_the_same_from_text_and_binary(shared_data, tmp_path):
     source = shared_data / "captures/plush"
     (tmp_path / "sparse").mkdir()

@@ -154,6 +154,7 @@ for name in (names if sys.argv[3] == "up" else names[::-1]) * 10:
 """
 
 
+@pytest.mark.slow
 def test_two_processes_share_a_folder_and_neither_cuts_what_the_other_reads(scene):
     command = [sys.executable, "-c", READER, f"file://{scene}", str(scene)]
     started = [subprocess.Popen([*command, way]) for way in ("up", "up", "down")]

@@ -19,8 +19,8 @@ PAGE = (Path(__file__).resolve().parents[2] / "docs" / "guides" / "render.md").r
 
 COMMANDS = re.findall(r"^gsfw render .*?(?=\s+#|$)", PAGE, re.MULTILINE)
 
-QUICK = ("channel=photo", "camera=path.json", "images=exr", "tracks=true")
-"""Words of commands that run in plain ``pytest``: views, a path, an orbit, and what moves."""
+QUICK = ("channel=photo", "camera=path.json", "images=exr")
+"""Words of commands that run in plain ``pytest``: views, a path and an orbit."""
 
 KEY_FRAMES = re.search(r"```json\n(.*?)```", PAGE, re.DOTALL)
 

@@ -8,7 +8,6 @@ reader of model files is tested as importers are.
 import struct
 import zlib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +16,8 @@ from support.bombs import bombs
 from support.damage import damaged
 from support.reader_faults import CAN_STOP, complaint, complaints, little_memory, traced
 from support.readers_under_test import MODELS, Reader, Sound, readers
+from support.sampling import sampled
+from support.small_scene import SHARED_DATA
 
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Holds, Importer
@@ -30,6 +31,8 @@ from gsfw.testing.sources import splat_file
 pytestmark = pytest.mark.unchecked
 
 FORMATS = sorted([*installed().slot("importer"), MODELS])
+DAILY = sampled([(name,) for name in FORMATS], [FORMATS.index(name) for name in ("ply", "spz")])
+"""All, of which plain ``pytest`` takes one with a header in words and one that is compressed."""
 COMPRESSED = {"sog", "spz", MODELS}
 """Formats with parts that are unpacked."""
 WRITTEN = sorted(
@@ -37,7 +40,7 @@ WRITTEN = sorted(
     for name, kind in load_all("exporter", installed()).items()
     if kind.holds is Holds.SPLATS and kind.is_readable and not kind.is_folder
 )
-REAL = Path("/work/shared/data/splats")
+REAL = SHARED_DATA / "splats"
 """Files of other tools."""
 
 
@@ -66,7 +69,7 @@ def test_a_file_of_many_splats_is_recognised_too(tmp_path, form):
     assert len(find_importer(path, installed()).read(path).splats) == 700
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", DAILY)
 def test_damaged_files_end_in_splats_or_in_words(known, tmp_path, name):
     assert complaints(known[name], tmp_path, 300) == []
 
@@ -77,7 +80,7 @@ def test_many_damaged_files_end_in_splats_or_in_words(known, tmp_path, name):
     assert complaints(known[name], tmp_path, 10_700, first=300) == []
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", DAILY)
 def test_a_small_file_does_not_unpack_to_a_large_one(known, tmp_path, name):
     # One bomb of each kind.
     made = {kind: make for sound in known[name].sound for kind, make in bombs(sound.content)}
@@ -114,6 +117,7 @@ def real_files():
     return sorted(path for path in REAL.rglob("*") if path.is_file()) if REAL.is_dir() else []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not real_files(), reason=f"no files of other tools below {REAL}")
 @pytest.mark.parametrize("path", real_files(), ids=lambda path: path.name)
 def test_files_of_other_tools_are_read_and_refused_when_they_are_damaged(known, tmp_path, path):

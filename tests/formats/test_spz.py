@@ -77,6 +77,7 @@ def check_within_quantisation(given, again, version, bits=12, sh_bits=4):
         assert largest(after[:, 4:], before[:, 4:]) <= (0.5 + others // 2) / 128 + 1e-5
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**31),
     degree=st.integers(0, 3),

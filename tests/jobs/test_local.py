@@ -58,6 +58,7 @@ def test_a_command_gives_its_document_or_its_message(script):
     assert (found["b"].error, found["b"].advice) == ("it failed.", "Do better.")
 
 
+@pytest.mark.slow
 def test_a_call_gives_its_value_or_its_error():
     found = done(
         Job("root", Call(math.sqrt, (4,))),

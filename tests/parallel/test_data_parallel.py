@@ -10,6 +10,7 @@ from itertools import count
 import pytest
 import torch
 from support.memory_training import Recorder, trainer, with_parts
+from support.sampling import sampled
 from support.states import assert_same_bits, without_clock
 from support.thread_group import in_threads
 
@@ -56,9 +57,10 @@ def alone(tmp_path_factory):
     return state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "strategy"),
-    [(2, "adc"), (2, "mcmc"), (3, "adc"), pytest.param(3, "mcmc", marks=pytest.mark.slow)],
+    sampled([(2, "adc"), (2, "mcmc"), (3, "adc"), (3, "mcmc")], [0]),
 )
 def test_any_number_of_processes_trains_the_same_bits(tmp_path, alone, size, strategy):
     # Four views of a step: with three processes, two of them have none in the second round.
@@ -66,12 +68,14 @@ def test_any_number_of_processes_trains_the_same_bits(tmp_path, alone, size, str
     assert_same_bits(alone(strategy), several)
 
 
+@pytest.mark.slow
 def test_processes_without_a_view_train_too(tmp_path):
     one, _ = trained(tmp_path, 1, views_per_step=1)
     several, _ = trained(tmp_path, 2, views_per_step=1)
     assert_same_bits(one, several)
 
 
+@pytest.mark.slow
 def test_images_of_several_sizes_are_views_of_one_step(tmp_path):
     sizes = ((32, 24), (24, 32))
     one, _ = trained(tmp_path, 1, views_per_step=4, sizes=sizes)
@@ -133,6 +137,7 @@ def test_gradients_of_any_types_and_sizes_are_cut_into_equal_parts(size):
     assert whole[:11].tolist() == [1, 2, 3, 4, 5, 6, 0, 10, 11, 12, 13]
 
 
+@pytest.mark.slow
 def test_the_bytes_are_those_of_the_formula(tmp_path):
     views, size = 4, 2
     state, summary = trained(tmp_path, size, "none", views_per_step=views)
@@ -147,6 +152,7 @@ def test_the_bytes_are_those_of_the_formula(tmp_path):
     assert summary["processes"] == size
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_with_another_number_of_processes(tmp_path, alone):
     trained(tmp_path / "parts", 2, views_per_step=4, checkpoint_every=10)
     state = read_checkpoint(RunFolder(tmp_path / "parts" / "2-0").checkpoint(20))
@@ -163,6 +169,7 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path, alone):
     assert_same_bits(in_threads(3, go_on)[0], alone("adc"))
 
 
+@pytest.mark.slow
 def test_refiners_that_read_images_get_those_of_other_processes(tmp_path):
     config = AdcConfig(refine_start=5, refine_stop=50, refine_every=10, budget="60")
 
@@ -183,6 +190,7 @@ def test_refiners_that_read_images_get_those_of_other_processes(tmp_path):
     assert_same_bits(in_threads(1, run)[0], in_threads(2, run)[0])
 
 
+@pytest.mark.slow
 def test_any_number_of_processes_leaves_out_the_same_distractors(tmp_path):
     def run(group):
         folder = tmp_path / f"{group.size}-{group.rank}"

@@ -82,6 +82,7 @@ def test_a_run_goes_on_with_another_number_of_processes(tmp_path):
     assert_same_bits(one, several)
 
 
+@pytest.mark.slow
 def test_rows_are_shared_evenly_after_every_refinement(tmp_path):
     _, results = trained(tmp_path, 3, steps=16)
     counts = [own.parts.team.counts for _, _, own in results[1:]]
@@ -108,6 +109,7 @@ def test_the_first_step_is_that_of_one_process_up_to_rounding(tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_losses_are_reported_as_by_one_process(tmp_path):
     _, ((_, one, _),) = trained(tmp_path / "1", 1, "mcmc", steps=16)
     _, ((_, two, _), _) = trained(tmp_path / "2", 2, "mcmc", steps=16)

@@ -87,6 +87,7 @@ def failing(rank, **parts):
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fails", [0, 2])
 def test_an_error_of_any_process_loses_no_finished_step(tmp_path, caplog, fails):
     found = three_runs(tmp_path / "run", failing(fails, of_views=IndexError("a bug")))
@@ -107,6 +108,7 @@ def test_an_error_of_any_process_loses_no_finished_step(tmp_path, caplog, fails)
     assert_same_bits({**kept, **others}, {**expected, **others})
 
 
+@pytest.mark.slow
 def test_a_step_that_is_half_done_leaves_the_last_checkpoint(tmp_path, monkeypatch):
     refine = Refiners.refine
 
@@ -121,6 +123,7 @@ def test_a_step_that_is_half_done_leaves_the_last_checkpoint(tmp_path, monkeypat
     assert RunFolder(tmp_path).latest_checkpoint() == RunFolder(tmp_path).checkpoint(8)
 
 
+@pytest.mark.slow
 def test_a_killed_process_takes_its_rows_along_and_the_first_one_says_so(tmp_path, caplog):
     found = three_runs(tmp_path, failing(1, of_views=SystemExit(9)))
     assert [type(error) for _, error in found] == [LostProcessError, SystemExit, LostProcessError]
@@ -191,6 +194,7 @@ def test_a_state_that_no_checkpoint_can_hold_leaves_the_model_with_all_rows(tmp_
     assert torch.equal(kept["model"]["means.values"], rows_of(found))
 
 
+@pytest.mark.slow
 def test_a_state_that_is_not_finite_leaves_the_model_with_all_rows(tmp_path):
     found = three_runs(tmp_path, failing(None, of_state=torch.tensor(torch.nan)))
     assert "after 16 steps: sampler.cache is not finite." in str(found[0][1])

@@ -6,6 +6,7 @@ Threads stand for processes here; tests/commands/test_train_memory.py has real o
 import pytest
 import torch
 from support.memory_training import CPU, Recorder, trainer, with_parts
+from support.sampling import sampled
 from support.states import assert_same_bits
 from support.thread_group import in_threads
 
@@ -73,7 +74,7 @@ def test_enough_memory_changes_no_bit(tmp_path, divided):
     assert_same_bits(bare, watched)
 
 
-@pytest.mark.parametrize("divided", [in_data_parallel, in_shards])
+@pytest.mark.parametrize("divided", sampled([(in_data_parallel,), (in_shards,)], [0]))
 @pytest.mark.parametrize("full", [0, 1])
 def test_a_process_without_memory_ends_the_run_with_one_checkpoint(tmp_path, divided, full):
     def run(own):

@@ -150,6 +150,7 @@ def test_coordinates_of_millions_change_nothing_of_what_is_trained_on(tmp_path):
     assert np.allclose(shift, torch.tensor(origin, dtype=torch.float64), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_run_far_from_the_origin_shows_the_same_picture(tmp_path):
     shown = []
     for name, place in (("near", (0.0, 0.0, 0.0)), ("far", (4.5e6, -3.1e6, 250.0))):

@@ -232,6 +232,7 @@ def test_a_time_that_has_passed_is_refused_before_any_step(machine, tmp_path, ca
     assert not machine.tried
 
 
+@pytest.mark.slow
 def test_a_time_that_passes_before_the_second_look_is_refused_with_one_that_is_enough(
     machine, tmp_path, monkeypatch, capsys
 ):
@@ -249,6 +250,7 @@ def test_a_time_that_passes_before_the_second_look_is_refused_with_one_that_is_e
     assert len(machine.tried) == 1
 
 
+@pytest.mark.slow
 def test_the_first_look_at_large_images_is_one_at_small_ones(
     machine, tmp_path, monkeypatch, capsys
 ):
@@ -294,6 +296,7 @@ def test_views_that_are_alone_at_their_time_cannot_judge_a_run(machine, tmp_path
     assert "minutes=5" in said
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_the_plan_and_leaves_nothing(machine, tmp_path, capsys):
     assert main([*RUN, "minutes=2", "--dry-run", f"out={tmp_path / 'run'}"]) in (0, 1)
     assert "ends in 2 min 0 s: about" in capsys.readouterr().out

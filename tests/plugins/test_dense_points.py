@@ -168,6 +168,7 @@ def test_the_old_name_starts_from_dense_points():
     assert "init=stereo was renamed to init=dense." in run.notes()
 
 
+@pytest.mark.slow
 def test_images_for_stereo_are_the_same_whatever_the_size_of_training(monkeypatch):
     monkeypatch.setattr("gsfw.plugins.dense_points.VIEW_PIXELS", 100)
     sizes = []

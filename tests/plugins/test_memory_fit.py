@@ -73,6 +73,7 @@ def test_a_start_that_does_not_fit_is_refused_with_what_needs_less(street, memor
     )
 
 
+@pytest.mark.slow
 def test_what_is_proposed_fits_and_the_need_is_known_before_a_large_model_is_built(
     street, memory, monkeypatch
 ):

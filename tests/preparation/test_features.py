@@ -238,6 +238,7 @@ def test_a_uniform_image_has_no_features_and_no_direction_of_blur(tmp_path):
     assert report.failure == ""
 
 
+@pytest.mark.slow
 def test_the_finest_features_are_looked_for_only_where_there_are_few_others(tmp_path):
     (photo,) = captured.photos(captured.arc(1))
     path = save(tmp_path / "a.png", photo)
@@ -361,6 +362,7 @@ def test_too_few_features_or_more_than_can_be_matched_are_refused(size, count, m
     assert str(caught.value) == f"{message}\nLeave it out to have it chosen."
 
 
+@pytest.mark.slow
 def test_features_do_not_depend_on_the_image_before():
     def found(name: str, pixels: np.ndarray, folder: Path) -> ImageFeatures:
         path = save(folder / name, pixels)

@@ -116,6 +116,7 @@ def rows(database: Path) -> dict[str, list]:
         }
 
 
+@pytest.mark.slow
 def test_jobs_find_the_features_that_this_process_finds(
     found, images, machines, executor, tmp_path, monkeypatch
 ):
@@ -132,6 +133,7 @@ def test_jobs_find_the_features_that_this_process_finds(
     assert executor.jobs[0].reads == tuple(image.path for image in images.images[:2])
 
 
+@pytest.mark.slow
 def test_jobs_match_and_verify_as_this_process_does(
     found, matched, images, machines, executor, tmp_path, monkeypatch
 ):
@@ -154,6 +156,7 @@ def test_jobs_match_more_thoroughly_as_this_process_does(matched, images, machin
     assert rows(here) == rows(there) != rows(matched)
 
 
+@pytest.mark.slow
 def test_what_is_there_is_not_done_again_after_an_interruption(
     found, matched, images, machines, executor, tmp_path, monkeypatch
 ):

@@ -72,6 +72,7 @@ def all_matches(found, tmp_path_factory) -> dict[tuple[int, int], np.ndarray]:
     return inliers(database)
 
 
+@pytest.mark.slow
 def test_neighbours_have_many_verified_matches_and_names_stay_as_they_were(found, database):
     match_pairs(database, every_pair(database), 1)
     matches = inliers(database)

@@ -104,10 +104,12 @@ def said(tmp_path_factory) -> dict[str, tuple[int, str, str]]:
     return {name: tuple(found) for name, found in json.loads(done.stdout).items()}
 
 
+@pytest.mark.slow
 def test_ctrl_c_waits_until_colmap_is_loaded(said):
     assert said["loaded"][1] == "True interrupted\nTrue\n"
 
 
+@pytest.mark.slow
 def test_sigterm_still_lets_python_clean_up(said):
     assert said["ended"] == (1, "", "cleaned up\n")
 

@@ -44,6 +44,7 @@ def masks_of(found) -> list[Path | None]:
     return [one.mask for one in found.images]
 
 
+@pytest.mark.slow
 def test_masks_have_the_geometry_of_views():
     random = np.random.default_rng(0)
     bright = np.kron(random.random((16, 32)) > 0.5, np.ones((64, 64), bool))
@@ -55,6 +56,7 @@ def test_masks_have_the_geometry_of_views():
         assert (cut_mask(bright, side, direction) == colored).mean() > 0.995
 
 
+@pytest.mark.slow
 def test_one_mask_serves_panoramas_of_any_size(tmp_path):
     folder = panoramas(photos(tmp_path), "a.jpg")
     Image.fromarray(sphere()).resize((1024, 512)).save(folder / "b.jpg", xmp=FULL_XMP)

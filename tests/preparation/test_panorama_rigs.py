@@ -167,6 +167,7 @@ def test_frames_are_placed_whole_and_known_cameras_stay(synthetic, tmp_path):
     assert cut_loose(model) == 0
 
 
+@pytest.mark.slow
 def test_global_mapping_places_frames_whole_too(synthetic, tmp_path):
     rule = MappingRule(mapper="global", known_cameras=(1, 2))
     mapping = map_cameras(synthetic, tmp_path / "m", rule)

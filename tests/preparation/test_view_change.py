@@ -105,6 +105,7 @@ def test_a_long_look_elsewhere_is_a_scene_of_its_own():
     assert not any(path.strange)
 
 
+@pytest.mark.slow
 def test_images_that_never_match_are_all_jumps():
     path = followed([view(100, seed=seed) for seed in range(8)])
     assert path.jumps == list(range(1, 8))

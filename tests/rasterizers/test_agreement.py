@@ -102,6 +102,7 @@ NEEDLES = Kind(
 """Plain float32 is off by 4e-4 in the gradients of its covariances."""
 
 
+@pytest.mark.slow
 @OFTEN
 @SCENES
 @example(NEEDLES)

@@ -31,8 +31,8 @@ AGAIN = ("/expected-depth", "/fisheye-no-cut-offs")
 """Variants whose paths through the kernels others have taken."""
 
 
-SAMPLE = 4
-"""Every fourth case of a backend is for every day, and the others are slow."""
+SAMPLE = 8
+"""Every eighth case of a backend is for every day, and the others are slow."""
 
 DRAWN = [case for name, case in CASES.items() if not name.startswith("input/shape-of-")]
 """Tensors of wrong shapes do not come past the shape checks of the tests; core/test_rasterizer.py

@@ -116,6 +116,7 @@ def moving_run(tmp_path_factory):
         yield out
 
 
+@pytest.mark.slow
 def test_tracks_are_drawn_where_time_passes(moving_run, tmp_path):
     for tracks in ("false", "true"):
         arguments = ["render", str(moving_run), f"tracks={tracks}", f"out={tmp_path / tracks}"]
@@ -127,6 +128,7 @@ def test_tracks_are_drawn_where_time_passes(moving_run, tmp_path):
     assert np.abs(images[0] - images[1]).max() > 50
 
 
+@pytest.mark.slow
 def test_tracks_of_what_does_not_move_are_refused(moving_run, capsys):
     assert main(["render", str(moving_run), "tracks=true", "what=orbit"]) == 2
     assert capsys.readouterr().err == (

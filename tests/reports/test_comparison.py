@@ -39,6 +39,7 @@ def stored(*names):
     return Pictures(1, "eval", "", tuple(ViewPicture(n, "", 1.0, b"", b"", b"") for n in names))
 
 
+@pytest.mark.slow
 def test_two_runs_share_a_page_with_their_views_side_by_side(trained, tmp_path, capsys):
     runs = [str(trained("method=3dgs", *SMALL_SCENE, f"steps={steps}")) for steps in (20, 10)]
     out = tmp_path / "both.html"
@@ -180,6 +181,7 @@ def test_corrected_colors_are_compared_where_a_run_learnt_exposures(tmp_path):
     assert comparison.best(found) == [False, True]
 
 
+@pytest.mark.slow
 def test_a_comparison_with_large_stored_films_stays_within_the_bound(tmp_path):
     film, image = (noise_webp(side) for side in (800, 400))
     assert 400_000 < len(film) < 480_000

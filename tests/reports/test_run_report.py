@@ -86,6 +86,7 @@ def test_the_worst_view_is_the_first_one(finished_run, tmp_path):
     assert text.index("12.50") < text.index("20.00") < text.index("30.00")
 
 
+@pytest.mark.slow
 def test_report_false_writes_no_page_and_all_other_outputs(tmp_path, capsys):
     out = tmp_path / "run"
     assert (
@@ -152,6 +153,7 @@ def test_a_later_evaluation_of_a_run_that_was_set_back_does_not_count(tmp_path):
     assert read_run(folder).evaluated_step == 40
 
 
+@pytest.mark.slow
 def test_a_run_without_held_out_views_shows_training_views(tmp_path):
     out = tmp_path / "run"
     scene = [*SMALL_SCENE, "datamanager.eval_views=0"]
@@ -279,6 +281,7 @@ def test_damaged_settings_leave_the_rest(tmp_path):
     assert "20.00" in text
 
 
+@pytest.mark.slow
 def test_thousands_of_views_and_steps_stay_within_the_bound(tmp_path):
     psnrs = {f"{place:05d}{'x' * 60}.jpg": 10.0 + place / 100 for place in range(3000)}
     folder = write_run(tmp_path / "run", psnrs, steps=30_000)
@@ -376,6 +379,7 @@ def test_figures_of_a_moving_scene_have_their_curve_over_time(tmp_path):
     assert "PSNR of the moving region" in page.text
 
 
+@pytest.mark.slow
 def test_a_failure_of_the_report_does_not_fail_the_run(tmp_path, monkeypatch, capsys):
     def fails(*arguments):
         raise RuntimeError("no such colour")

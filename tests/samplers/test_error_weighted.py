@@ -34,6 +34,7 @@ def test_the_first_epoch_has_every_view_once():
         assert sorted(train(sampler(seed=seed), 5)) == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "uniform_share", [0.3, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.0, 1.0))]
 )
@@ -57,6 +58,7 @@ def test_a_view_comes_as_often_per_epoch_as_it_is_due_give_or_take_less_than_one
             assert abs(counts[view] - 5 * loss / sum(LOSSES)) < 1
 
 
+@pytest.mark.slow
 def test_no_view_starves():
     samples = sampler(uniform_share=0.3)
     train(samples, 5)

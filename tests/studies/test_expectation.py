@@ -45,6 +45,7 @@ def test_limits_and_budgets_are_not_exceeded():
     assert grown == 900
 
 
+@pytest.mark.slow
 def test_an_expectation_counts_steps_and_rows_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short = expect(composed(steps="100"), installed(), 0.0)
@@ -58,6 +59,7 @@ def test_an_expectation_counts_steps_and_rows_and_writes_nothing(tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_model_that_starts_at_random_has_no_points_to_add_to():
     start = expect(composed(datamanager__points="0", random_points="200"), installed(), 0.0)
     assert start.gaussians >= 200

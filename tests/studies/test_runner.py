@@ -96,6 +96,7 @@ def test_settings_that_mean_the_same_make_nothing_again(tmp_path):
     assert kept(tmp_path).results["balls", "still", 1].given["antialias"] is False
 
 
+@pytest.mark.slow
 def test_again_makes_finished_runs_again(tmp_path):
     make(small_study(), tmp_path)
     before = dates(tmp_path)
@@ -104,6 +105,7 @@ def test_again_makes_finished_runs_again(tmp_path):
     assert not set(dates(tmp_path).values()) & set(before.values())
 
 
+@pytest.mark.slow
 def test_a_failed_run_is_recorded_and_the_others_go_on(tmp_path):
     study = small_study(seeds=(REFUSED, 1, DISK_FULL))
     ended = make(study, tmp_path)
@@ -283,6 +285,7 @@ def test_a_run_that_a_signal_ended_early_goes_on(tmp_path):
     assert ended.failure.resumable
 
 
+@pytest.mark.slow
 def test_a_setting_that_is_new_in_gsfw_makes_nothing_again(tmp_path):
     make(small_study(), tmp_path)
     store = kept(tmp_path)

@@ -52,6 +52,7 @@ def gets_a_frame(small):
         return page.wait_for_frame(width=64)
 
 
+@pytest.mark.slow
 def test_a_page_gets_the_frame_of_its_camera(small):
     assert gets_a_frame(small).shape == (48, 64, 3)
 

@@ -111,6 +111,7 @@ def test_a_run_has_the_same_bits_with_a_page_that_moves(tmp_path, servers):
     assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
 
 
+@pytest.mark.slow
 def test_the_settings_of_the_viewer_have_short_keys(tmp_path, servers):
     out = tmp_path / "run"
     assert main([*TRAIN, "steps=2", f"out={out}", "viewer=true", "viewer.share=0.1"]) == 0
@@ -118,6 +119,7 @@ def test_the_settings_of_the_viewer_have_short_keys(tmp_path, servers):
     assert "share: 0.1" in (out / "config.yaml").read_text()
 
 
+@pytest.mark.slow
 def test_the_address_is_printed_on_standard_error(tmp_path, servers, capsys):
     out = tmp_path / "run"
     assert main([*TRAIN, "steps=2", f"out={out}", "viewer=true", "json=true"]) == 0
@@ -136,6 +138,7 @@ def test_without_viser_training_is_refused_in_a_sentence(tmp_path, monkeypatch, 
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_pause_holds_the_run_and_serves_pages(viewer):
     steps = Steps(viewer)
     steps.start()

@@ -64,6 +64,7 @@ open(sys.argv[1], "w").write(control.stop_reason)
 """A program that gets SIGHUP when its terminal is gone already."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
 def test_a_training_whose_terminal_is_gone_stops_and_goes_on_without_lines(tmp_path):
     terminal, inside = os.openpty()

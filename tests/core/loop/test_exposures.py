@@ -90,6 +90,7 @@ def length_of_a_visit(views: int) -> float:
     return sum(lengths[2:]) / len(lengths[2:])
 
 
+@pytest.mark.slow
 def test_a_visit_moves_a_map_as_far_among_many_images_as_among_few():
     few = length_of_a_visit(20)
     assert length_of_a_visit(200) == pytest.approx(few, rel=0.3)

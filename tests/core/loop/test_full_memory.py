@@ -42,6 +42,7 @@ def refused(tmp_path, **plan) -> tuple[Trainer, TrainingError]:
     return run, caught.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["_rendered", "_complete"])
 def test_before_the_parameters_change_a_checkpoint_is_written(tmp_path, monkeypatch, part):
     full_at(monkeypatch, Update, part)

@@ -65,6 +65,7 @@ def refused():
     raise CudaError("the kernel is used for the first time while a CUDA graph is captured", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failure", [full, refused])
 def test_a_run_goes_on_without_graphs_and_their_memory(tmp_path, monkeypatch, caplog, failure):
     run, usual = Run(tmp_path / "a", True, **STATIC), Run(tmp_path / "b", False, **STATIC)
@@ -157,6 +158,7 @@ def alternating(monkeypatch, count: int) -> None:
     )
 
 
+@pytest.mark.slow
 def test_kinds_beyond_their_number_are_run_as_usual_and_told_once(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(step_graphs, "MOST_GRAPHS", 2)
     run, usual = Run(tmp_path / "a", True, **STATIC), Run(tmp_path / "b", False, **STATIC)

@@ -18,6 +18,7 @@ def supported():
         pytest.skip("this system does not say how much memory a piece of work takes")
 
 
+@pytest.mark.slow
 def test_fifty_megabytes_are_seen_though_they_are_free_again_and_no_more_before(supported):
     before = torch.ones(10_000_000)
     found = added_memory_mb(lambda: torch.ones(12_500_000), CPU)
@@ -54,12 +55,14 @@ def measured() -> list[float]:
     return list(map(float, done.stdout.split()))
 
 
+@pytest.mark.slow
 def test_memory_that_was_used_and_freed_before_counts_again(supported, measured):
     _, first, second = measured
     assert first > 40.0
     assert second > 40.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems count in another way")
 def test_the_peak_of_a_process_is_not_that_of_the_process_that_started_it(measured):
     assert 50 < measured[0] < 800

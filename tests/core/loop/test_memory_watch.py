@@ -48,6 +48,7 @@ def run(folder, memory=None, strategy="adc", is_on=True):
     return made
 
 
+@pytest.mark.slow
 def test_enough_memory_changes_no_bit(tmp_path, caplog):
     bare, watched = run(tmp_path / "a"), run(tmp_path / "b", Memory(0.6))
     bare.fit()
@@ -114,6 +115,7 @@ def test_a_run_whose_first_step_does_not_fit_ends_before_it(tmp_path):
     assert MemoryWatch(True, CPU, memory).limits(made).max_rows == 100
 
 
+@pytest.mark.slow
 def test_images_are_dropped_before_the_run_ends(tmp_path, caplog):
     made = run(tmp_path / "a", Memory(0.05, own=0.9))
     made.fit()
@@ -121,6 +123,7 @@ def test_images_are_dropped_before_the_run_ends(tmp_path, caplog):
     assert "fewer decoded images are kept (cache_mb)" in caplog.text
 
 
+@pytest.mark.slow
 def test_images_that_make_room_keep_a_run_alive(tmp_path):
     made = run(tmp_path / "a", Memory(0.01, own=0.95))
     made.parts.data.freed = ALLOWED // 40
@@ -170,6 +173,7 @@ def test_a_model_on_a_gpu_grows_by_the_memory_of_the_gpu(tmp_path, monkeypatch):
         most()
 
 
+@pytest.mark.slow
 def test_a_watch_that_is_off_or_knows_nothing_lets_runs_go_on(tmp_path):
     assert run(tmp_path / "a", Memory(0.0, own=1.0), is_on=False).fit()["completed"]
     assert run(tmp_path / "b", Memory(0.0, own=0.0)).fit()["completed"]

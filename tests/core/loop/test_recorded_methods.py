@@ -76,7 +76,8 @@ def same_columns(one, other):
     return all(torch.equal(values, columns[name]) for name, values in one.columns().items())
 
 
-@pytest.mark.parametrize("case", sampled([(name,) for name in CASES], range(7)))
+@pytest.mark.slow
+@pytest.mark.parametrize("case", sampled([(name,) for name in CASES], [2]))
 def test_recorded_steps_train_as_others_do(tmp_path, case):
     settings = CASES[case]
     usual = Run(tmp_path / "usual", False, **settings)
@@ -93,6 +94,7 @@ def test_recorded_steps_train_as_others_do(tmp_path, case):
     assert recorded.trainer.updates.skipped == 0
 
 
+@pytest.mark.slow
 def test_what_a_refiner_keeps_of_a_view_stays_that_of_its_view(tmp_path):
     settings = {**SPACETIME, "steps": "400", "squared_steps": "2", "strategy.guided.rounds": "2"}
     settings |= {"strategy.guided.start": "60", "strategy.guided.every": "50"}

@@ -102,6 +102,7 @@ def test_what_cannot_be_recorded_is_run_as_usual_and_told_once(tmp_path, caplog)
     assert record.getMessage().endswith("operation not permitted when stream is capturing")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", ["1", "2"])
 def test_recorded_steps_learn_exposures_and_poses_as_others_do(tmp_path, views):
     settings = {"exposure": "true", "refine_poses": "true", "sampler.views_per_step": views}
@@ -119,6 +120,7 @@ def test_recorded_steps_learn_exposures_and_poses_as_others_do(tmp_path, views):
         assert torch.equal(values, usual.columns()[name]), name
 
 
+@pytest.mark.slow
 def test_recorded_steps_leave_out_distractors_as_others_do(tmp_path):
     settings = {"ignore_distractors": "true", "distractors_start": "2", "sh_degree_interval": "1"}
     usual, recorded = (

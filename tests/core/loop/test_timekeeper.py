@@ -86,6 +86,7 @@ def test_a_plan_that_was_right_is_left_alone():
     assert found.updates == 2000
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @example(before=0.125, after=0.006, change_at=0.75, ending=0.0, growth=1.0)
 @given(
@@ -108,6 +109,7 @@ def test_a_run_ends_within_ten_percent_whatever_becomes_of_the_machine(
     assert found.seconds == pytest.approx(LIMIT, rel=0.1)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(pause_at=st.floats(0.05, 0.85), pause=st.floats(0.0, 8.0))
 def test_a_pause_costs_steps_and_not_the_end(pause_at, pause):

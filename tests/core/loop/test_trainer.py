@@ -36,6 +36,7 @@ def test_losses_fall_and_held_out_pictures_are_met(tmp_path, strategy):
     assert summary["skipped_steps"] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 7])
 def test_reports_say_what_became_of_rows_since_the_last_one(tmp_path, every):
     recorder = Recorder()
@@ -49,6 +50,7 @@ def test_reports_say_what_became_of_rows_since_the_last_one(tmp_path, every):
     assert rows != 100
 
 
+@pytest.mark.slow
 def test_no_evaluation_follows_a_reset_and_none_and_no_checkpoint_comes_just_before_the_end(
     tmp_path,
 ):

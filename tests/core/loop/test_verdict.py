@@ -21,6 +21,7 @@ def collapsed(trained) -> RunFolder:
     return RunFolder(trained("method=3dgs", *SMALL_SCENE, *VANISHING))
 
 
+@pytest.mark.slow
 def test_a_collapsed_run_does_not_end_like_a_success(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", "method=3dgs", *SMALL_SCENE, *VANISHING, f"out={out}"]) == 0
@@ -32,6 +33,7 @@ def test_a_collapsed_run_does_not_end_like_a_success(tmp_path, capsys):
     assert "warning: 2 of 2 held-out views are rendered as (nearly)" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_its_result_files_name_the_findings(collapsed):
     summary = json.loads(collapsed.summary.read_text())
     assert [item["key"] for item in summary["findings"]] == ["one-color", "dying-gaussians"]

@@ -57,6 +57,7 @@ def trainer(folder: Path, *callbacks: Callback, strategy: str = "adc", **values)
     return compose(settings, installed()).trainer(RunFolder(folder), callbacks)
 
 
+@pytest.mark.slow
 def test_a_walk_reaches_the_last_step_once_and_rates_end_where_they_should(tmp_path):
     usual, walking = Told(), Told()
     trainer(tmp_path / "usual", usual).fit()
@@ -72,6 +73,7 @@ def test_a_walk_reaches_the_last_step_once_and_rates_end_where_they_should(tmp_p
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", sampled([("adc",), ("error",), ("mcmc",)], [0]))
 def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
     runs = [
@@ -83,6 +85,7 @@ def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
     assert_same_bits(*(without_clock(run.state_dict()) for run in runs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stop_at", [9, *(pytest.param(step, marks=pytest.mark.slow) for step in (3, 14, 40))]
 )

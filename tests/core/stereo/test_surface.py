@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 from support.textured_plane import DEPTH, HEIGHT, WIDTH, views_of_a_plane
 
@@ -39,6 +40,7 @@ def test_views_from_one_place_give_no_points():
     assert len(surface_points(views_of_a_plane(3, step=0.0), NONE, (2.0, 10.0), Operators())) == 0
 
 
+@pytest.mark.slow
 def test_masked_and_empty_pixels_give_no_points():
     views, top = views_of_a_plane(), torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
     top[: HEIGHT // 2] = True

@@ -71,6 +71,7 @@ def test_the_scene_frame_has_extent_one_and_leads_back_to_the_world(static):
     assert float(world[:, :2].norm(dim=1).max()) < 1.51
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_another_does_not(static):
     again, other = small().build(HERE), small(seed=1).build(HERE)
     assert torch.equal(images(static), images(again))

@@ -35,6 +35,7 @@ def machine(stub, monkeypatch):
     return capabilities
 
 
+@pytest.mark.slow
 def test_where_everything_is_there_it_is_available(machine):
     assert unavailable() == ""
     system = cuda_system()
@@ -42,6 +43,7 @@ def test_where_everything_is_there_it_is_available(machine):
     assert system.driver.version == system.nvrtc.version == (13, 0)
 
 
+@pytest.mark.slow
 def test_a_torch_without_cuda_is_named(machine, monkeypatch):
     monkeypatch.setattr(torch, "__version__", "2.13.0+cpu")
     monkeypatch.setattr(torch.version, "cuda", None)

@@ -310,6 +310,7 @@ def test_what_is_compiled_stays_compiled(monkeypatch: pytest.MonkeyPatch) -> Non
     launcher().prepare(kernels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "machine", ["this", *(pytest.param(name, marks=pytest.mark.slow) for name in ("any", "arm"))]
 )

@@ -35,6 +35,7 @@ def cache(tmp_path) -> KernelCache:
     return KernelCache(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_first_launch_compiles_and_loads_and_the_next_only_launch(stub, cache):
     nvrtc = FakeNvrtc()
     launcher = launcher_on(stub, nvrtc, cache)

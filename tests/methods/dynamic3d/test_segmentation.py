@@ -225,6 +225,7 @@ def state_of(out, step=80):
     return read_checkpoint(RunFolder(out).checkpoint(step))
 
 
+@pytest.mark.slow
 def test_rows_learn_the_mask_and_the_background_stays(scene, tmp_path):
     figures = train(scene, tmp_path / "run")
     assert figures["skipped_steps"] == 0
@@ -249,6 +250,7 @@ def test_a_run_with_masks_resumes_and_is_exported_as_it_is(scene, tmp_path):
     assert (tmp_path / "run.ply").read_bytes() == (tmp_path / "file.ply").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_mask_of_other_proportions_is_refused_with_advice(tmp_path, capsys):
     scene = write_masked_scene(tmp_path / "data")
     Image.fromarray(np.zeros((24, 24), np.uint8)).save(scene / "masks" / "train_005.png")

@@ -36,6 +36,7 @@ def test_a_run_resumes_to_the_same_bits_wherever_it_was(tmp_path, first_steps, s
     resumed_to_the_same_bits(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_rows_are_added_at_the_first_time_and_stay_after_it(tmp_path):
     train(tmp_path / "run", *SHORT, "sampler.first_steps=18", "log_every=1")
     log = RunFolder(tmp_path / "run").metrics_log.read_text()
@@ -45,6 +46,7 @@ def test_rows_are_added_at_the_first_time_and_stay_after_it(tmp_path):
     assert {counts[step] for step in range(18, 43)} == {counts[18]}
 
 
+@pytest.mark.slow
 def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
     figures = train(tmp_path / "run", *SHORT, "sampler.first_steps=18")
     said, notes = capsys.readouterr()
@@ -56,6 +58,7 @@ def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
     assert report["floats_per_time"] == pytest.approx(report["total_floats"] / 4, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "budget"),
     [

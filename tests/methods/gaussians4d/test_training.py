@@ -43,6 +43,7 @@ def test_a_run_resumed_in_the_coarse_phase_ends_with_the_same_bits(tmp_path, enc
     assert path.is_file()
 
 
+@pytest.mark.slow
 def test_regularizers_are_logged_in_the_fine_phase_only(tmp_path):
     run = train(tmp_path / "run", *SHORT)
     lines = [json.loads(line) for line in run.metrics_log.read_text().splitlines()]

@@ -43,6 +43,7 @@ def test_a_run_resumes_to_the_same_bits(tmp_path, name):
         assert figures["rows_of_order_3"] < figures["num_gaussians"]
 
 
+@pytest.mark.slow
 def test_requirements_say_which_parameters_of_time_rows_have(tmp_path):
     run = tmp_path / "run"
     figures = train(run, "method=spacetime", *ADAPTIVE, "steps=20")

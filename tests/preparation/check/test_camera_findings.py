@@ -19,6 +19,7 @@ def good(tmp_path_factory):
     return write_ball(tmp_path_factory.mktemp("good") / "ball")
 
 
+@pytest.mark.slow
 def test_a_ring_around_a_thing_has_nothing_to_find(good):
     assert good.findings() == {}
 
@@ -86,12 +87,14 @@ def test_cameras_in_one_place_do_not_train(tmp_path):
     assert found.found == "All 21 images were taken from one place."
 
 
+@pytest.mark.slow
 def test_a_small_step_to_the_side_is_a_small_baseline(tmp_path):
     for degrees, kind in ((1.0, "no baseline"), (4.0, "small baseline"), (9.0, None)):
         found = write_ball(tmp_path / str(degrees), ball(arc(24, degrees))).findings()
         assert {"no baseline", "small baseline"} & set(found) == ({kind} if kind else set())
 
 
+@pytest.mark.slow
 def test_cameras_on_a_line_are_told(tmp_path):
     line = np.stack([np.ones(24), np.linspace(-0.5, 0.5, 24), np.full(24, 0.3)], axis=1)
     assert "cameras on a line" in write_ball(tmp_path / "a", ball(line)).findings()
@@ -117,6 +120,7 @@ def test_held_out_views_far_from_the_others_are_told(tmp_path):
     assert "held-out views far away" in write_ball(tmp_path / "a", ball(centers)).findings()
 
 
+@pytest.mark.slow
 def test_a_focal_length_that_no_camera_has_is_told(tmp_path):
     for focal, odd in ((400.0, True), (70.0, False), (15.0, True)):
         params = (focal, focal, 32.0, 24.0)

@@ -31,6 +31,7 @@ def count(pixels, color):
     return int((np.abs(np.asarray(pixels).astype(int) - color).max(2) < 12).sum())
 
 
+@pytest.mark.slow
 def test_a_sheet_shows_cameras_of_both_splits_and_points(tmp_path):
     survey = write_ball(tmp_path / "a").survey()
     pixels = sheet_of(survey, tmp_path / "check.png")
@@ -69,6 +70,7 @@ def test_captures_of_hardly_anything_are_drawn(tmp_path, count):
     sheet_of(survey, tmp_path / "check.png")
 
 
+@pytest.mark.slow
 def test_images_to_look_at_are_on_the_sheet_even_if_they_do_not_decode(tmp_path):
     written = write_ball(tmp_path / "a")
     before = sheet_of(written.survey(), tmp_path / "good.png")
@@ -90,6 +92,7 @@ def test_a_capture_without_cameras_has_a_sheet_of_its_images(tmp_path):
     assert count(pixels, (200, 30, 30)) == 40 * 30
 
 
+@pytest.mark.slow
 def test_points_of_a_matte_ball_are_drawn_as_matte(tmp_path):
     survey = track_ball(tmp_path / "a").survey()
     assert survey.view_dependence.shares[0] > 0.8

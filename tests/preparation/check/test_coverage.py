@@ -37,6 +37,7 @@ def test_cameras_that_look_outward_look_at_nothing():
     assert looked_at(centers, -axes) is None
 
 
+@pytest.mark.slow
 def test_up_is_across_the_cameras_also_on_a_part_of_a_ring_that_looks_down(tmp_path):
     angles = np.radians(np.linspace(0, 130, 24))
     centers = np.stack([np.cos(angles), np.sin(angles), np.full(24, 0.9)], axis=1)

@@ -32,10 +32,12 @@ def sound(cutout) -> MadeCapture:
     return faults.turntable(cutout, GREY)
 
 
+@pytest.mark.slow
 def test_a_sound_capture_has_no_fault(sound, tmp_path):
     assert set(findings_of(sound, tmp_path / "a")) == {"open side"}
 
 
+@pytest.mark.slow
 def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp_path):
     survey = survey_of(sound, tmp_path / "a")
     check = survey.cross_check
@@ -45,6 +47,7 @@ def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp
     np.testing.assert_allclose(np.median(depth_factors(survey)), 1, atol=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "kind", "weight", "advice"),
     [
@@ -110,6 +113,7 @@ def test_a_fault_is_named_first(sound, tmp_path, fault, kind, weight, advice):
     assert not {"images contradict points", "uneven exposure", "cameras see no points"} & set(found)
 
 
+@pytest.mark.slow
 def test_where_colmap_does_not_load_that_is_told_and_nothing_else_is_lost(
     sound, tmp_path, monkeypatch
 ):

@@ -99,6 +99,7 @@ def test_masks_that_leave_nothing_of_an_image_are_told(written):
     assert written.findings()["nothing left of images"].images == ("view_006.png",)
 
 
+@pytest.mark.slow
 def test_one_border_colour_is_a_background(written):
     from gsfw.preparation.check.plan import plain_background
 

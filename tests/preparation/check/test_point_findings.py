@@ -53,6 +53,7 @@ def test_one_camera_that_looks_away_is_named(tmp_path):
     assert (found.weight, found.images) == (Weight.LIMIT, ("view_005.png",))
 
 
+@pytest.mark.slow
 def test_images_in_another_order_contradict_the_points(tmp_path):
     written = write_ball(tmp_path / "a")
     assert written.survey().agreement.scatter < 0.2

@@ -48,6 +48,7 @@ def test_a_scene_that_stands_still_is_told(tmp_path):
     assert "ignore_time=true" in found["hardly anything moves"].advice
 
 
+@pytest.mark.slow
 def test_times_that_belong_to_other_images_are_told(tmp_path):
     times = [number / 15 for number in range(16)]
     folder = write_moving(tmp_path / "a", times, 2, moves=0.5)

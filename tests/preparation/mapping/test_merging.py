@@ -42,6 +42,7 @@ def test_models_that_share_images_become_one_with_right_poses(
     assert distance < 0.002
 
 
+@pytest.mark.slow
 def test_a_model_may_join_by_what_another_one_brought(
     capture: MatchedCapture, tmp_path: Path
 ) -> None:
@@ -77,6 +78,7 @@ def test_a_model_of_images_that_the_largest_has_disappears(
     assert ([model.num_reg_images() for model in models], joined) == ([12], 1)
 
 
+@pytest.mark.slow
 def test_models_whose_matches_deny_that_they_belong_together_stay_apart(tmp_path: Path) -> None:
     # Of two other scenes, whose images have the same names: the shared one fits neither.
     (tmp_path / "one").mkdir()

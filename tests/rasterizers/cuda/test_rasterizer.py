@@ -8,6 +8,7 @@ import torch
 from emulation.launcher import EmulatedLauncher
 from support.agreement import as_float64, check_float32, check_float64, draw_everything
 from support.native_programs import compiler
+from support.sampling import sampled
 from support.scenes import front_camera, random_splats
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -51,6 +52,7 @@ def test_when_deterministic_any_order_of_threads_gives_the_same_bits():
             assert torch.equal(found[name], tensor), name
 
 
+@pytest.mark.slow
 def test_images_have_the_same_bits_even_when_gradients_have_not():
     scene = deep_scene()
     expected = draw_everything(emulated(0, deterministic=True), *scene)
@@ -61,6 +63,7 @@ def test_images_have_the_same_bits_even_when_gradients_have_not():
         torch.testing.assert_close(found[name], tensor, rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "dtype", [torch.float32, pytest.param(torch.float64, marks=pytest.mark.slow)]
 )
@@ -83,8 +86,9 @@ def fresh_instances() -> Iterator[None]:
     instances.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fresh_instances")
-@pytest.mark.parametrize("chunk", [(64, 32), (64, 64), (128, 32)])
+@pytest.mark.parametrize("chunk", sampled([((64, 32),), ((64, 64),), ((128, 32),)], [2]))
 def test_other_chunks_give_the_same_image_and_the_same_gradient(chunk, monkeypatch):
     scene = deep_scene()
     usual = draw_everything(emulated(), *scene)

@@ -52,6 +52,7 @@ def test_cameras_add_up_and_nothing_counts_nothing():
     assert contributing_pairs(splats, behind, RenderSettings()) == 0
 
 
+@pytest.mark.slow
 def test_the_garden_has_thirteen_million(shared_data):
     workload = read_workload(shared_data / "reference" / "garden_workload.npz")
     count = contributing_pairs(workload.splats, workload.cameras, RenderSettings())

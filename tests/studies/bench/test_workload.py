@@ -97,6 +97,7 @@ def test_a_file_with_damaged_bytes_is_refused(tmp_path):
     assert refusal(path).startswith("workload=FILE: this is not an npz file that can be read: ")
 
 
+@pytest.mark.slow
 def test_a_single_array_is_refused(tmp_path):
     np.save(tmp_path / "array.npy", np.zeros(3))
     assert refusal(tmp_path / "array.npy") == NO_ARCHIVE

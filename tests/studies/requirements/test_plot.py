@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
 
 from gsfw.charts.style import BLUES
@@ -44,6 +45,7 @@ def test_every_thing_to_say_makes_the_image_taller():
     assert heights == sorted(set(heights))
 
 
+@pytest.mark.slow
 def test_what_time_is_worth_is_shown_once():
     motion = Motion(2.0, 0.5)
     with_row = plot(replace(REQUIREMENTS, motion=motion))

@@ -81,6 +81,7 @@ def test_a_model_that_fails_is_a_result():
     assert result.faults == ("fails with TypeError: 'NoneType' object is not callable",)
 
 
+@pytest.mark.slow
 def test_a_plan_knows_how_many_results_there_will_be():
     cpu = entrant_of("reference", installed())
     only = ("depth/equal", "input/skew", "time/outside", "size/more-pairs-than-memory")

@@ -3,6 +3,8 @@
 import csv
 import io
 
+import pytest
+
 from gsfw.studies.table import table_of_records
 from gsfw.studies.tradeoff.pareto_plot import write_pareto_plot
 from gsfw.studies.tradeoff.record import Record
@@ -92,6 +94,7 @@ def test_documents_say_whose_time_it_is():
     assert by_name["as it is"]["command"] == "export"
 
 
+@pytest.mark.slow
 def test_the_plot_is_the_same_for_the_same_records(tmp_path):
     for name in ("a.png", "b.png"):
         write_pareto_plot(tmp_path / name, EVERY)

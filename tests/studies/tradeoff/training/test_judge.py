@@ -47,6 +47,7 @@ def test_there_are_as_many_rounds_as_there_is_time_for(made, monkeypatch, over, 
     assert figures[DRAW_SPREAD] == (0.0 if over else 1.0)
 
 
+@pytest.mark.slow
 def test_flip_is_that_of_the_held_out_views_in_the_judged_size(made, finished_run):
     pytest.importorskip("flip_evaluator")
     (run,), store = made

@@ -79,6 +79,7 @@ def test_finished_runs_are_found_again_and_killed_ones_are_made_anew(tmp_path):
     assert again.outcome(trials[1]) is not None
 
 
+@pytest.mark.slow
 def test_the_results_are_the_same_in_any_order(tmp_path):
     trials = [Trial(Recipe(), 100, 42), Trial(LESS, 100, 42), Trial(Recipe(), 200, 42)]
     outcomes = []
