@@ -14,7 +14,7 @@ from torch.nn.functional import interpolate
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.color_bytes import color_bytes
-from gsfw.core.metrics import psnr
+from gsfw.core.metrics import is_hidden, psnr
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.color_maps import colored, value_range
@@ -241,8 +241,9 @@ class _Shot:
         values, *depth = self._channels(model, wanted, camera, size)
         if self._has_photo and channel.name == "color" and self.psnr is None:
             photo = self._photo_fitted(size)
-            self.psnr = psnr(values, photo.color, photo.valid)
-            self.psnr_size = (camera.width, camera.height)
+            if not is_hidden(photo.valid):
+                self.psnr = psnr(values, photo.color, photo.valid)
+                self.psnr_size = (camera.width, camera.height)
         if trails is not None:
             surface = depth[0].nan_to_num(0.0)[..., None]
             moment = state.time * (TRACK_TIMES - 1)

@@ -9,6 +9,7 @@ import torch
 from support.view_models import ByView
 from support.viewing import FixedSplats, OneView, captured_model, moving_model, still_model
 
+from gsfw.core.batch import MaskMode
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.evaluation import render_model
@@ -88,6 +89,17 @@ def test_a_captured_view_beside_its_photo_and_its_error_has_a_figure():
     assert frame.image[30, 40].tolist() == [128, 128, 128]  # The photo is the left third.
     assert frame.psnr is not None
     assert frame.psnr_size == (32, 24)  # As in the evaluation, though the page is larger.
+
+
+def test_a_view_that_its_mask_hides_has_no_figure():
+    class Hidden(OneView):
+        def load(self, split, indices, device):
+            (batch,) = super().load(split, indices, device)
+            nothing = torch.zeros(1, 24, 32, 1, dtype=torch.bool)
+            return [replace(batch, mask=nothing, mask_mode=MaskMode.IGNORE)]
+
+    model = replace(captured_model(), data=Hidden((0.5, 0.5, 0.5)))
+    assert FrameMaker([model]).make(replace(STATE, view=VIEW)).psnr is None
 
 
 def test_the_photo_alone_fills_the_page_in_its_own_shape():
