@@ -50,8 +50,6 @@ class FittedMotion:
     """Rows that are never seen, and left out."""
     num_dropped: int
     """Rows with values that are not finite, left out."""
-    num_unfit: int
-    """Pieces whose errors exceed the bounds, although they cannot be cut any more."""
     recolored: float
     """Change of the base colour over time that 99 % of the rows stay below: it is lost."""
 
@@ -117,7 +115,6 @@ def fit_motion(
         num_rows=seen,
         num_unseen=model.num_rows - seen - found.dropped,
         num_dropped=found.dropped,
-        num_unfit=int((pieces.errors > 1).sum()),
         recolored=float(torch.cat(found.recolored).double().quantile(0.99)),
     )
 
