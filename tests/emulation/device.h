@@ -9,8 +9,6 @@
 
 #define __global__
 #define __device__
-#define __host__
-#define __constant__
 #define __forceinline__ inline
 #define __noinline__ __attribute__((noinline))
 #define __launch_bounds__(...)
@@ -26,7 +24,6 @@
 #define blockIdx (::emulation::current->block->index)
 #define blockDim (::emulation::current->block->size)
 #define gridDim (::emulation::current->block->blocks)
-#define warpSize 32
 
 namespace emulation {
 
@@ -139,23 +136,16 @@ inline int __all_sync(unsigned mask, int predicate) {
 }
 
 inline int __popc(unsigned x) { return __builtin_popcount(x); }
-inline int __popcll(unsigned long long x) { return __builtin_popcountll(x); }
 inline int __ffs(int x) { return __builtin_ffs(x); }
-inline int __ffsll(long long x) { return __builtin_ffsll(x); }
 inline int __clz(int x) { return x == 0 ? 32 : __builtin_clz(unsigned(x)); }
-inline int __clzll(long long x) { return x == 0 ? 64 : __builtin_clzll((unsigned long long)(x)); }
 inline unsigned __brev(unsigned x) {
   unsigned reversed = 0;
   for (int bit = 0; bit < 32; ++bit) reversed |= (x >> bit & 1u) << (31 - bit);
   return reversed;
 }
 
-inline int __float_as_int(float x) { return emulation::bits_as<int>(x); }
 inline unsigned __float_as_uint(float x) { return emulation::bits_as<unsigned>(x); }
-inline float __int_as_float(int x) { return emulation::bits_as<float>(x); }
-inline float __uint_as_float(unsigned x) { return emulation::bits_as<float>(x); }
 inline long long __double_as_longlong(double x) { return emulation::bits_as<long long>(x); }
-inline double __longlong_as_double(long long x) { return emulation::bits_as<double>(x); }
 
 #define EMULATION_LESSER_AND_GREATER(type)                     \
   inline type min(type a, type b) { return b < a ? b : a; }    \
@@ -171,20 +161,12 @@ inline float max(float a, float b) { return __builtin_fmaxf(a, b); }
 inline double min(double a, double b) { return __builtin_fmin(a, b); }
 inline double max(double a, double b) { return __builtin_fmax(a, b); }
 
-template <class N>
-inline N __ldg(const N* address) {
-  return *address;
-}
-inline void __threadfence() { __atomic_thread_fence(__ATOMIC_SEQ_CST); }
-inline void __threadfence_block() { __atomic_thread_fence(__ATOMIC_SEQ_CST); }
-
 #define EMULATION_ATOMIC(name, changed)                                                  \
   template <class N>                                                                     \
   inline N name(N* address, typename emulation::Same<N>::Type value) {                   \
     return emulation::atomically(address, [value](N old) -> N { return changed; });      \
   }
 EMULATION_ATOMIC(atomicAdd, old + value)
-EMULATION_ATOMIC(atomicSub, old - value)
 EMULATION_ATOMIC(atomicMin, min(old, value))
 EMULATION_ATOMIC(atomicMax, max(old, value))
 EMULATION_ATOMIC(atomicAnd, old& value)
