@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Picture
     from torch import Tensor
 
-COLOR_MAPS = ("turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray")
-"""Names of the colour maps; all but turbo are uniform to the eye, and begin dark."""
-
 UNKNOWN = 0.11
 """Grey of pixels without a value."""
 
@@ -71,7 +68,7 @@ def colored(
         values: any.
         low: value of the first colour; lower ones have it too.
         high: value of the last colour; higher ones have it too.
-        colormap: one of ``COLOR_MAPS``.
+        colormap: its name in matplotlib.
     """
     table = _table(colormap).to(values.device)
     known = values.isfinite()
@@ -90,7 +87,7 @@ def color_bar(
         low: value at the bottom.
         high: value at the top.
         unit: written at the side, upwards; empty for none.
-        colormap: one of ``COLOR_MAPS``.
+        colormap: its name in matplotlib.
     """
     import numpy as np
     from PIL import Image, ImageDraw
