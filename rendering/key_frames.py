@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import json_text
 from gsfw.rendering.splines import PoseSpline, hermite, interpolate
 
@@ -27,6 +26,15 @@ FPS, SECONDS = 30.0, 6.0
 
 MOST_FRAMES = 1_000_000
 """Most frames of a film: nine hours at 30 per second."""
+
+MOST_SECONDS = 1e5
+"""Longest film: a day."""
+
+LARGEST_SIDE = 32768.0
+"""Largest width and height of frames, in pixels."""
+
+LAYOUT = "Correct the value; docs/guides/render.md has the layout."
+"""Next action after a wrong value in a file of ours."""
 
 SKEW = 0.01
 """Largest difference of the three axes of a pose, of their length, that rounding explains."""
@@ -127,7 +135,7 @@ def write_camera_path(file: Path, path: CameraPath) -> Path:
     return file
 
 
-def camera_path_of(document: object, source: str) -> CameraPath:
+def camera_path_of(document: object, source: Path) -> CameraPath:
     """The key frames of a document.
 
     Args:
@@ -147,10 +155,10 @@ def camera_path_of(document: object, source: str) -> CameraPath:
             f"{source}: expected a camera path of schema {SCHEMA}, found {document.get('schema')}.",
             "Write it with the viewer of this version; docs/guides/render.md has its layout.",
         )
-    listed = document["key_frames"]
-    if not isinstance(listed, list) or not listed:
+    fields = replace(JsonFields.of(document, source), remedy=LAYOUT)
+    frames = tuple(_key_frame(item) for item in fields.objects("key_frames"))
+    if not frames:
         raise DataError(f"{source} has no key frames.", "Add at least one in the viewer.")
-    frames = tuple(_key_frame(item, f"{source}: key frame {n}") for n, item in enumerate(listed))
     _check_moments([frame.seconds for frame in frames], source)
     if len({frame.time is None for frame in frames}) > 1:
         raise DataError(
@@ -159,15 +167,15 @@ def camera_path_of(document: object, source: str) -> CameraPath:
         )
     return CameraPath(
         frames,
-        fps=number(document.get("fps", FPS), f"{source}: fps", 0.1, 1000),
-        seconds=number(document.get("seconds", SECONDS), f"{source}: seconds", 0, 1e5),
-        closed=bool(document.get("closed", False)),
-        width=int(number(document.get("width", 0), f"{source}: width", 0, 32768)),
-        height=int(number(document.get("height", 0), f"{source}: height", 0, 32768)),
+        fps=fields.number("fps", FPS, 0.1, 1000.0),
+        seconds=fields.number("seconds", SECONDS, 0.0, MOST_SECONDS),
+        closed=fields.flag("closed", default=False),
+        width=int(fields.number("width", 0.0, 0.0, LARGEST_SIDE)),
+        height=int(fields.number("height", 0.0, 0.0, LARGEST_SIDE)),
     )
 
 
-def _check_moments(moments: Sequence[float | None], source: str) -> None:
+def _check_moments(moments: Sequence[float | None], source: Path) -> None:
     given = [moment for moment in moments if moment is not None]
     ascending = all(first < second for first, second in pairwise(given))
     if given and (len(given) < len(moments) or not ascending):
@@ -177,15 +185,12 @@ def _check_moments(moments: Sequence[float | None], source: str) -> None:
         )
 
 
-def _key_frame(item: object, source: str) -> KeyFrame:
-    if not isinstance(item, dict):
-        raise DataError(f"{source} is no object.", "docs/guides/render.md has the layout.")
-    time, seconds = item.get("time"), item.get("seconds")
+def _key_frame(fields: JsonFields) -> KeyFrame:
     return KeyFrame(
-        pose(item.get("camera_to_world"), source),
-        number(item.get("fov"), f"{source}: fov", 0.1, 179),
-        None if time is None else number(time, f"{source}: time", 0, 1),
-        None if seconds is None else number(seconds, f"{source}: seconds", 0, 1e5),
+        pose(fields, "camera_to_world"),
+        fields.number("fov", low=0.1, high=179.0),
+        fields.optional_number("time", 0.0, 1.0),
+        fields.optional_number("seconds", 0.0, MOST_SECONDS),
     )
 
 
@@ -256,42 +261,19 @@ def _looped(values: Sequence[float], path: CameraPath) -> Float64[Tensor, " knot
     return torch.tensor([*values, *again], dtype=torch.float64)
 
 
-def pose(value: object, source: str) -> Float64[Tensor, "4 4"]:
+def pose(fields: JsonFields, name: str) -> Float64[Tensor, "4 4"]:
     """A rigid transform of 4 x 4 (or 3 x 4) numbers, in rows or in one list.
 
     Raises:
         DataError: it is none.
     """
-    advice = "A pose is a 4 x 4 matrix from the camera to the world: a rotation and a position."
-    try:
-        matrix = torch.tensor(value, dtype=torch.float64)
-        matrix = matrix.reshape(-1, 4)
-    except (TypeError, ValueError, RuntimeError, OverflowError):
-        raise DataError(f"{source} has no pose.", advice) from None
-    if len(matrix) not in (3, 4) or not bool(matrix.isfinite().all()):
-        raise DataError(f"{source} has no pose of finite numbers.", advice)
+    values = fields.numbers_of(name, ((4, 4), (3, 4), (16,), (12,)))
     found = torch.eye(4, dtype=torch.float64)
-    found[:3] = matrix[:3]
+    found[:3] = torch.from_numpy(values).reshape(-1, 4)[:3]
     rotation = found[:3, :3]
     # Files hold rounded numbers, and some tools scale: the rotation is the nearest one.
     left, sizes, right = torch.linalg.svd(rotation)
     if not (float(sizes[0] - sizes[2]) < SKEW * float(sizes[0]) and float(rotation.det()) > 0):
-        raise DataError(f"{source}: its pose is not a rotation and a position.", advice)
+        raise fields.refuse(name, "a rotation and a position, from the camera to the world")
     found[:3, :3] = left @ right
-    return found
-
-
-def number(value: object, source: str, low: int | float, high: int | float) -> float:
-    """A number from ``low`` to ``high``.
-
-    Raises:
-        DataError: it is none.
-    """
-    try:
-        found = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):  # JSON has whole numbers of any length.
-        found = math.nan
-    if isinstance(value, bool) or not low <= found <= high:
-        shown = json.dumps(value, default=str)
-        raise DataError(f"{source} is {shown}: expected a number from {low:g} to {high:g}.")
     return found

@@ -8,15 +8,25 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
+from jaxtyping import Float64
+from torch import Tensor
 
 from gsfw.core.errors import DataError
-from gsfw.core.files.json_text import parsed_json
-from gsfw.rendering.key_frames import PathFrames, camera_path_of, number, path_frames, pose
+from gsfw.core.files.json_fields import JsonFields
+from gsfw.core.files.json_text import parsed_json, read_json
+from gsfw.rendering.key_frames import (
+    LARGEST_SIDE,
+    PathFrames,
+    camera_path_of,
+    path_frames,
+    pose,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -25,6 +35,11 @@ OPENCV_FROM_OPENGL = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch
 
 PLACEMENT = "dataparser_transforms.json"
 """nerfstudio's file beside a run: how it moved and scaled the world of the data."""
+
+AGAIN = f"Copy {PLACEMENT} of the run again, or take it away: then the path is read as it is."
+
+LARGEST_ANGLE = 3.13
+"""Largest field of view, in radians."""
 
 MOST_SECONDS = 1e16
 """Largest time of a frame, of either sign: microseconds since 1970 are less."""
@@ -52,11 +67,11 @@ def read_path_file(file: Path, frames: int | None = None) -> PathFrames:
     except (OSError, ValueError) as error:
         raise DataError(f"{file} cannot be read as JSON: {error}.", f"Known are {KINDS}.") from None
     if isinstance(document, dict) and "key_frames" in document:
-        return path_frames(camera_path_of(document, str(file)), frames)
+        return path_frames(camera_path_of(document, file), frames)
     if isinstance(document, dict) and _lists(document, "camera_path"):
-        found = _nerfstudio(document, file)
+        found = _nerfstudio(JsonFields.of(document, file))
     elif isinstance(document, dict) and _lists(document, "frames"):
-        found = _transforms(document, file)
+        found = _transforms(JsonFields.of(document, file))
     else:
         raise DataError(f"{file} is no camera path.", f"Known are {KINDS}.")
     return found if frames is None else found.resampled(frames)
@@ -69,37 +84,32 @@ def _lists(document: Mapping[str, Any], key: str) -> bool:
     )
 
 
-def _nerfstudio(document: Mapping[str, Any], file: Path) -> PathFrames:
+def _nerfstudio(fields: JsonFields) -> PathFrames:
     """Every frame that ``ns-render camera-path`` would render."""
-    listed = document["camera_path"]
-    poses = torch.stack(
-        [
-            pose(item.get("camera_to_world"), f"{file}: camera {n}") @ OPENCV_FROM_OPENGL
-            for n, item in enumerate(listed)
-        ]
-    )
-    poses = _in_the_data(poses, file)
-    fovs = [
-        number(item.get("fov", 50), f"{file}: camera {n}: fov", 0.1, 179)
-        for n, item in enumerate(listed)
-    ]
+    listed = fields.objects("camera_path")
     times = None
     if all("render_time" in item for item in listed):
-        times = torch.tensor(
-            [number(item["render_time"], f"{file}: render_time", 0, 1) for item in listed],
-            dtype=torch.float64,
-        )
+        times = _float64([item.number("render_time", low=0.0, high=1.0) for item in listed])
     return PathFrames(
-        poses,
-        torch.tensor(fovs, dtype=torch.float64),
+        _in_the_data(_poses(listed, "camera_to_world"), fields.path),
+        _float64([item.number("fov", 50.0, 0.1, 179.0) for item in listed]),
         times,
-        number(document.get("fps", 24), f"{file}: fps", 0.1, 1000),
-        int(number(document.get("render_width", 0), f"{file}: render_width", 0, 32768)),
-        int(number(document.get("render_height", 0), f"{file}: render_height", 0, 32768)),
+        fields.number("fps", 24.0, 0.1, 1000.0),
+        int(fields.number("render_width", 0.0, 0.0, LARGEST_SIDE)),
+        int(fields.number("render_height", 0.0, 0.0, LARGEST_SIDE)),
     )
 
 
-def _in_the_data(poses: torch.Tensor, file: Path) -> torch.Tensor:
+def _poses(listed: Sequence[JsonFields], name: str) -> Float64[Tensor, "f 4 4"]:
+    """Poses in OpenGL axes, in those of OpenCV."""
+    return torch.stack([pose(item, name) for item in listed]) @ OPENCV_FROM_OPENGL
+
+
+def _float64(values: Sequence[float]) -> Float64[Tensor, " f"]:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def _in_the_data(poses: Float64[Tensor, "f 4 4"], file: Path) -> Float64[Tensor, "f 4 4"]:
     """Undo nerfstudio's placement of the world, if the file of it lies beside the path."""
     beside = file.parent / PLACEMENT
     if not beside.is_file():
@@ -110,63 +120,45 @@ def _in_the_data(poses: torch.Tensor, file: Path) -> torch.Tensor:
             PLACEMENT,
         )
         return poses
-    try:
-        document = parsed_json(beside.read_text(encoding="utf-8"))
-        scale = number(document.get("scale"), f"{beside}: scale", 1e-9, 1e9)
-        placed = pose(document.get("transform"), str(beside))
-    except (OSError, ValueError, AttributeError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(
-            f"{beside} cannot be read: {error}.",
-            f"Copy {PLACEMENT} of the run again, or take it away: then the path is read as it is.",
-        ) from None
+    placement = replace(JsonFields.of(read_json(beside, AGAIN), beside), remedy=AGAIN)
     poses = poses.clone()
-    poses[:, :3, 3] /= scale
-    return torch.linalg.inv(placed) @ poses
+    poses[:, :3, 3] /= placement.number("scale", low=1e-9, high=1e9)
+    return torch.linalg.inv(pose(placement, "transform")) @ poses
 
 
-def _transforms(document: Mapping[str, Any], file: Path) -> PathFrames:
+def _transforms(fields: JsonFields) -> PathFrames:
     """The cameras of transforms.json, in the order of its frames."""
-    listed = document["frames"]
-    poses = torch.stack(
-        [
-            pose(item.get("transform_matrix"), f"{file}: frame {n}") @ OPENCV_FROM_OPENGL
-            for n, item in enumerate(listed)
-        ]
-    )
-    width, height = (int(number(document.get(key, 0), f"{file}: {key}", 0, 32768)) for key in "wh")
-    fovs = [
-        _vertical_fov({**document, **item}, f"{file}: frame {n}") for n, item in enumerate(listed)
-    ]
+    listed = fields.objects("frames")
+    width, height = (int(fields.number(key, 0.0, 0.0, LARGEST_SIDE)) for key in "wh")
+    completed = (replace(item, values={**fields.values, **item.values}) for item in listed)
+    fovs = [_vertical_fov(facts) for facts in completed]
     times = None
-    if all(item.get("time") is not None for item in listed):
-        moments = [
-            number(item["time"], f"{file}: frame {n}: time", -MOST_SECONDS, MOST_SECONDS)
-            for n, item in enumerate(listed)
-        ]
-        seconds = torch.tensor(moments, dtype=torch.float64)
+    moments = [item.optional_number("time", -MOST_SECONDS, MOST_SECONDS) for item in listed]
+    known = [moment for moment in moments if moment is not None]
+    if len(known) == len(listed):
+        times = _float64(known)
         # Times beyond [0, 1] are in another unit: the film runs over all of the capture.
-        inside = bool((seconds >= 0).all() and (seconds <= 1).all())
-        span = (seconds.max() - seconds.min()).clamp_min(1e-12)
-        times = seconds if inside else (seconds - seconds.min()) / span
-    return PathFrames(poses, torch.tensor(fovs, dtype=torch.float64), times, None, width, height)
+        if not bool((times >= 0).all() and (times <= 1).all()):
+            times = (times - times.min()) / (times.max() - times.min()).clamp_min(1e-12)
+    poses = _poses(listed, "transform_matrix")
+    return PathFrames(poses, _float64(fovs), times, None, width, height)
 
 
-def _vertical_fov(facts: Mapping[str, Any], source: str) -> float:
+def _vertical_fov(facts: JsonFields) -> float:
     """Vertical field of view in degrees, from whichever numbers a file has."""
-    width, height = (number(facts.get(key) or 0, f"{source}: {key}", 0, 32768) for key in "wh")
-    if height and (facts.get("fl_y") or facts.get("fl_x")):
-        focal = number(facts.get("fl_y") or facts.get("fl_x"), f"{source}: fl_y", 1e-6, 1e9)
+    width, height = (facts.optional_number(key, 0.0, LARGEST_SIDE) or 0.0 for key in "wh")
+    focal = facts.optional_number("fl_y", 0.0, 1e9) or facts.optional_number("fl_x", 0.0, 1e9)
+    if height and focal:
         return math.degrees(2 * math.atan(height / (2 * focal)))
-    if facts.get("camera_angle_y"):
-        return math.degrees(number(facts["camera_angle_y"], f"{source}: camera_angle_y", 0, 3.13))
-    if not facts.get("camera_angle_x"):
+    upward = facts.optional_number("camera_angle_y", 0.0, LARGEST_ANGLE)
+    if upward:
+        return math.degrees(upward)
+    across = facts.optional_number("camera_angle_x", 0.0, LARGEST_ANGLE)
+    if not across:
         raise DataError(
-            f"{source} has no field of view.",
+            f"{facts.at} has no field of view.",
             "Add camera_angle_x (radians), or fl_y and h (pixels), to it or to the whole file.",
         )
-    across = number(facts["camera_angle_x"], f"{source}: camera_angle_x", 1e-3, 3.13)
     # Without sizes images are square, as those of NeRF's Blender scenes are.
     aspect = height / width if width and height else 1.0
     return math.degrees(2 * math.atan(math.tan(across / 2) * aspect))

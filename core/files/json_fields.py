@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -88,9 +89,9 @@ class JsonFields:
             raise self.refuse(name, "text")
         return value
 
-    def flag(self, name: str) -> bool:
+    def flag(self, name: str, default: bool | None = None) -> bool:
         """True or false."""
-        value = self.values.get(name)
+        value = self.values.get(name, default)
         if not isinstance(value, bool):
             raise self.refuse(name, "true or false")
         return value
@@ -102,13 +103,24 @@ class JsonFields:
             raise self.refuse(name, f"a whole number of at least {least}")
         return int(value)
 
-    def number(self, name: str, default: float | None = None) -> float:
-        """A finite number."""
-        return float(self.numbers(name, default=default))
+    def number(
+        self,
+        name: str,
+        default: float | None = None,
+        low: float = -math.inf,
+        high: float = math.inf,
+    ) -> float:
+        """A finite number from ``low`` to ``high``."""
+        value = float(self.numbers(name, default=default))
+        if not low <= value <= high:
+            raise self.refuse(name, f"a number from {low:g} to {high:g}")
+        return value
 
-    def optional_number(self, name: str) -> float | None:
-        """A finite number; ``None`` if it is absent or null."""
-        return None if self.values.get(name) is None else self.number(name)
+    def optional_number(
+        self, name: str, low: float = -math.inf, high: float = math.inf
+    ) -> float | None:
+        """A number as ``number`` reads it; ``None`` if it is absent or null."""
+        return None if self.values.get(name) is None else self.number(name, None, low, high)
 
     def positive(self, name: str) -> float:
         """A finite number above 0."""

@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -128,25 +129,25 @@ BROKEN = {
     "is no camera path": {"cameras": []},
     "has no key frames": {"schema": 1, "key_frames": []},
     "expected a camera path of schema 1, found 9": {"schema": 9, "key_frames": [{}]},
-    "key frame 0 has no pose": {"schema": 1, "key_frames": [{"fov": 50}]},
-    "key frame 1 has no pose": {
+    r"key_frames\[0\]: camera_to_world is missing": {"schema": 1, "key_frames": [{"fov": 50}]},
+    r"key_frames\[1\]: camera_to_world\[0\]\[3\]: expected one finite number": {
         "schema": 1,
         "key_frames": [
             {"fov": 50, "camera_to_world": torch.eye(4).tolist()},
             {"fov": 50, "camera_to_world": [[1, 0, 0, 10**400]] * 4},
         ],
     },
-    "00: expected a number from 0.1 to 1000": {
+    "fps: expected one finite number, found 1000": {
         "schema": 1, "fps": 10**400,
         "key_frames": [{"fov": 50, "camera_to_world": torch.eye(4).tolist()}],
     },
-    "is not a rotation and a position": {
+    "expected a rotation and a position": {
         "schema": 1, "key_frames": [{"fov": 50, "camera_to_world": [[1.0] * 4] * 4}],
     },
-    "fov is 500: expected a number from 0.1 to 179": {
+    "fov: expected a number from 0.1 to 179, found 500": {
         "schema": 1, "key_frames": [{"fov": 500, "camera_to_world": torch.eye(4).tolist()}],
     },
-    "time is 2: expected a number from 0 to 1": {
+    "time: expected a number from 0 to 1, found 2": {
         "schema": 1,
         "key_frames": [{"fov": 50, "time": 2, "camera_to_world": torch.eye(4).tolist()}],
     },
@@ -156,17 +157,17 @@ BROKEN = {
             {"fov": 50, "time": at, "camera_to_world": torch.eye(4).tolist()} for at in (0, None)
         ],
     },
-    "frame 1: time is \"soon\": expected a number": {
+    r"frames\[1\]: time: expected one finite number, found 'soon'": {
         "camera_angle_x": 1.0,
         "frames": [
             {"transform_matrix": torch.eye(4).tolist(), "time": at} for at in (0, "soon")
         ],
     },
-    "frame 0: h is \"tall\": expected a number": {
+    r"frames\[0\]: h: expected one finite number, found 'tall'": {
         "fl_y": 50.0,
         "frames": [{"transform_matrix": torch.eye(4).tolist(), "h": "tall"}],
     },
-    "frame 0 has no field of view": {
+    r"frames\[0\] has no field of view": {
         "frames": [{"transform_matrix": torch.eye(4).tolist()}],
     },
     "is no camera path.": {"camera_path": [{"camera_to_world": torch.eye(4).tolist()}, 7]},
@@ -187,7 +188,7 @@ def test_a_broken_file_says_what_is_wrong(tmp_path, message):
 
 def test_a_list_at_the_top_is_no_camera_path(tmp_path):
     with pytest.raises(DataError, match="no key frames") as caught:
-        camera_path_of([1, 2], "path.json")
+        camera_path_of([1, 2], Path("path.json"))
     assert "path.json" in caught.value.message
     (tmp_path / "list.json").write_text("[1, 2]")
     with pytest.raises(DataError, match="is no camera path"):

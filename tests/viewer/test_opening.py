@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -142,7 +143,7 @@ def test_a_key_frame_survives_the_world_of_the_data(run):
 def test_a_path_of_the_page_is_a_file_that_render_reads(run):
     keys = [key_frame(replace(STATE, pose=pose), run.scene, False) for pose in poses(run)]
     path = CameraPath(tuple(keys), fps=5.0, seconds=1.0)
-    again = camera_path_of(json.loads(json.dumps(path.document())), "file")
+    again = camera_path_of(json.loads(json.dumps(path.document())), Path("file"))
     states = PathStates.of(again, run.scene)
     assert len(states) == 5
     assert np.allclose(states.at(0, STATE).pose.position, poses(run)[0].position, atol=1e-4)

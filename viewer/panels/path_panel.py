@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -257,7 +258,7 @@ class PathPanel(Panel):
     def _load(self, content: bytes) -> None:
         """Take the key frames of a file."""
         try:
-            path = camera_path_of(parsed_json(content), "this file")
+            path = camera_path_of(parsed_json(content), Path("this file"))
         except UserError as error:
             self._page.tell(f"{error.message} {error.advice}".strip(), "red")
             return

@@ -48,6 +48,15 @@ def test_values_other_than_finite_numbers_are_refused(value):
     assert refusal(lambda: given.numbers("b", 2)).startswith(said)
 
 
+def test_numbers_out_of_range_are_refused_and_its_ends_are_read():
+    given = fields(fov=179, time=None, angle=500)
+    assert given.number("fov", low=0.1, high=179.0) == 179
+    assert given.optional_number("time", 0.0, 1.0) is None
+    said = "a.json: image 3: angle: expected a number from 0.1 to 179, found 500."
+    assert refusal(lambda: given.number("angle", low=0.1, high=179.0)) == said
+    assert refusal(lambda: given.optional_number("angle", 0.1, 179.0)) == said
+
+
 def test_missing_values_and_inner_objects_are_named_by_their_place():
     given = fields(a={"b": 1}, c=[{}])
     lacking = " is missing; expected one finite number."
