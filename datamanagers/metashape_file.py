@@ -19,6 +19,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import first_bytes
 from gsfw.core.maths.similarity import Similarity
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.metashape_lens import read_lens, text_number, text_numbers
@@ -79,11 +80,7 @@ class MetashapeFile:
 
 def is_metashape(file: Path) -> bool:
     """True if an XML file begins like Metashape's."""
-    try:
-        with file.open("rb") as stream:
-            head = stream.read(HEAD_BYTES)
-    except OSError:
-        return False
+    head = first_bytes(file, HEAD_BYTES)
     return b"<document" in head and b"<chunk" in head
 
 

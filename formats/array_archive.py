@@ -23,6 +23,7 @@ import numpy as np
 from gsfw.core.errors import COPY_AGAIN, DataError, UserError
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.json_text import parsed_json
+from gsfw.core.files.ply_file import is_ply
 
 HEADER, SHORT_HEADER = "header.json", "header.json.xz"
 EXPANSION, SMALL = 64, 1 << 16
@@ -57,9 +58,6 @@ MALFORMED = (
     NotImplementedError,
 )
 """Errors of zipfile, numpy and json on malformed files."""
-
-PLY = (b"ply\n", b"ply\r")
-"""The beginnings of a PLY file."""
 
 
 @dataclass(frozen=True)
@@ -156,12 +154,11 @@ def _check_is_no_ply(path: Path) -> None:
     Raises:
         DataError: it begins as PLY files do.
     """
-    with path.open("rb") as file:
-        if file.read(4) in PLY:
-            raise DataError(
-                f"{path} is a PLY file, despite its name.",
-                f"Rename it to {path.with_suffix('.ply').name}.",
-            )
+    if is_ply(path):
+        raise DataError(
+            f"{path} is a PLY file, despite its name.",
+            f"Rename it to {path.with_suffix('.ply').name}.",
+        )
 
 
 def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:

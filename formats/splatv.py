@@ -35,7 +35,7 @@ from gsfw.core.exchange import (
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
-from gsfw.core.files.reading import readable
+from gsfw.core.files.reading import first_bytes, readable
 from gsfw.core.maths.axes import known_or_usual_up, stated_axis
 from gsfw.core.maths.camera_path import look_at
 from gsfw.core.maths.rotations import unit_quaternions
@@ -200,11 +200,7 @@ class SplatvImporter(Importer):
     @classmethod
     def recognises(cls, path: Path) -> bool:
         """True if it begins with the magic number and a list."""
-        try:
-            with path.open("rb") as file:
-                start = file.read(9)
-        except OSError:
-            return False
+        start = first_bytes(path, 9)
         return start[:4] == MAGIC.to_bytes(4, "little") and start[8:] == b"["
 
     def read(self, path: Path) -> SplatFile:

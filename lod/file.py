@@ -24,7 +24,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.json_fields import JsonFields
 from gsfw.core.files.json_text import parsed_json
-from gsfw.core.files.reading import readable
+from gsfw.core.files.reading import first_bytes, readable
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
 from gsfw.lod.nodes import BYTES, PLACE, VALUES, Nodes, Tree, TreeInMemory
@@ -76,10 +76,7 @@ def write_tree(path: Path, tree: TreeInMemory, header: Header) -> None:
 
 def is_tree(path: Path) -> bool:
     """True if a file begins as a tree does."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    return first_bytes(path, len(MAGIC)) == MAGIC
 
 
 class TreeFile(Tree):

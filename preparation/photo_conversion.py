@@ -21,6 +21,7 @@ from PIL import Image, ImageOps, features
 from gsfw.core.cores import cores
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.bounded_file import BoundedFile
+from gsfw.core.files.reading import first_bytes
 from gsfw.core.progress import stage
 from gsfw.datamanagers.coded_colors import coded_to_srgb, is_like_srgb
 from gsfw.datamanagers.color_profile import in_srgb, profile_of
@@ -115,11 +116,7 @@ def _is_installed(kind: ForeignFormat) -> bool:
 
 def _format(path: Path) -> ForeignFormat | None:
     """HEIC or AVIF by the content of a file, as some phones name such files like a JPEG."""
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(HEAD)
-    except OSError:  # Whoever examines the file says so.
-        return None
+    head = first_bytes(path, HEAD)
     kind = BRANDS.get(head[8:12]) if head[4:8] == b"ftyp" else None
     return kind if kind in DECODERS else None
 

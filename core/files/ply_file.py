@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.core.files.reading import readable
+from gsfw.core.files.reading import first_bytes, readable
 
 MAX_HEADER = 1 << 16
 """Longest header in bytes; the longest known layout of splats has 3,000."""
@@ -184,11 +184,7 @@ def _malformed(element: PlyElement, lines: Sequence[str], first: int) -> str | N
 
 def is_ply(path: Path) -> bool:
     """True if a file begins as a PLY does; never raises."""
-    try:
-        with path.open("rb") as file:
-            return file.read(4) in (b"ply\n", b"ply\r")
-    except OSError:
-        return False
+    return first_bytes(path, 4) in (b"ply\n", b"ply\r")
 
 
 def read_ply_header(path: Path) -> PlyHeader:

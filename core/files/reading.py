@@ -42,6 +42,15 @@ def followed(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def first_bytes(path: Path, count: int) -> bytes:
+    """The first bytes of a file, to recognise its format; empty if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(count)
+    except OSError:
+        return b""
+
+
 def bytes_of(path: Path) -> int:
     """Size of a file, or of all files below a folder; links in it count as themselves."""
     if not path.is_dir():

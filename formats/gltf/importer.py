@@ -9,7 +9,7 @@ import numpy as np
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
 from gsfw.core.files.json_fields import JsonFields
-from gsfw.core.files.reading import bytes_of
+from gsfw.core.files.reading import bytes_of, first_bytes
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Splats
@@ -38,11 +38,7 @@ class GltfImporter(Importer):
     @classmethod
     def recognises(cls, path: Path) -> bool:
         """True for every .glb, so that one without splats is refused with its own reason."""
-        try:
-            with path.open("rb") as file:
-                start = file.read(64)
-        except OSError:
-            return False
+        start = first_bytes(path, 64)
         return start.startswith(MAGIC) or (
             path.suffix.lower() == ".gltf" and start.lstrip()[:1] == b"{"
         )

@@ -11,7 +11,7 @@ from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
-from gsfw.core.files.reading import readable
+from gsfw.core.files.reading import first_bytes, readable
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.formats.activation import dc_of, log_scales_of, logits_of
 from gsfw.formats.ksplat.layout import (
@@ -49,13 +49,11 @@ class KsplatImporter(Importer):
 
         The format has no magic number.
         """
-        try:
-            with path.open("rb") as file:
-                header = _main_header(file.read(MAIN.size))
-            size = path.stat().st_size
-        except OSError:
+        header = _main_header(first_bytes(path, MAIN.size))
+        if header is None:
             return False
-        if header is None or not 0 < header.sections <= (size - MAIN_BYTES) // SECTION_BYTES:
+        size = path.stat().st_size
+        if not 0 < header.sections <= (size - MAIN_BYTES) // SECTION_BYTES:
             return False
         least = record_type(header.level, 0).itemsize
         return 0 < header.count <= (size - MAIN_BYTES) // least

@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.core.files.reading import readable
+from gsfw.core.files.reading import first_bytes, readable
 from gsfw.formats.spz.layout import (
     COMMON,
     ENTRY,
@@ -72,13 +72,12 @@ PEEK = 1024
 
 def begins_like_spz(path: Path) -> bool:
     """True if the first bytes, decompressed if need be, are those of an SPZ file."""
-    try:
-        with path.open("rb") as file:
-            start = file.read(PEEK)
-        if start.startswith(GZIP):
+    start = first_bytes(path, PEEK)
+    if start.startswith(GZIP):
+        try:
             start = zlib.decompressobj(wbits=31).decompress(start, len(MAGIC))
-    except (OSError, zlib.error):
-        return False
+        except zlib.error:
+            return False
     return start.startswith(MAGIC)
 
 
