@@ -30,6 +30,7 @@ import torch
 from generated_city import City, city_scene, write_city
 from jaxtyping import Bool, Float64
 from memory_limit import MemoryLimit, memory_limit
+from printing import say
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
@@ -53,12 +54,6 @@ KEPT = (
     *("whole", "too_large"),
 )
 """Keys of what a command says that go to the results."""
-
-
-def say(*words: object) -> None:
-    """Print a line at once."""
-    sys.stdout.write(" ".join(map(str, words)) + "\n")
-    sys.stdout.flush()
 
 
 def gsfw(arguments: list[str], limit: MemoryLimit | None = None) -> dict[str, object]:
@@ -162,7 +157,7 @@ def main(arguments: list[str]) -> int:
     result: dict[str, object] = {"city": asdict(city), "settings": given}
     with memory_limit(int(given["limit_mb"]), given["limit"]) as limit:
         result["limit"] = f"{given['limit_mb']} MB ({limit.name})"
-        say("limit:", result["limit"])
+        say(f"limit: {result['limit']}")
         trained = _under_the_limit(folder, given, limit, result)
     if trained:
         _measure(folder, given, city, result)
@@ -178,18 +173,18 @@ def _under_the_limit(
     length = _length(given, given["steps"])
     piece = ["train", "method=3dgs", f"data={data}", *length, f"out={folder / 'limited'}"]
     result["whole_under_limit"] = gsfw(piece, limit)
-    say("in one piece under the limit:", result["whole_under_limit"])
+    say(f"in one piece under the limit: {result['whole_under_limit']}")
     if not (cut / "partition.json").exists():
         words = [f"out={cut}", f"blocks={given['blocks']}", f"margin={given['margin']}"]
         words = ["partition", str(data), *words, f"memory={given['limit_mb']}MB"]
         result["partition"] = gsfw(words, limit)
-        say("cut:", result["partition"])
+        say(f"cut: {result['partition']}")
     coarse = [f"coarse.steps={given['coarse']}", f"coarse.rest={given['rest']}"]
     points = int(given["points"]) * math.prod(map(int, given["tiles"].split("x")))
     coarse += [f"coarse.points={max(1000, points // 8)}"]
     done = gsfw(["blocks", str(cut), *length, *coarse], limit)
     result["blocks_under_limit"] = done
-    say("in blocks under the limit:", done)
+    say(f"in blocks under the limit: {done}")
     return done["code"] == 0
 
 
@@ -207,29 +202,29 @@ def _measure(folder: Path, given: Mapping[str, str], city: City, result: dict[st
         block.name: _of_run(cut / "blocks" / block.name) | {"views": len(block.train)}
         for block in partition.blocks
     }
-    say("blocks:", result["blocks"])
+    say(f"blocks: {result['blocks']}")
     found = quality(opened(Path(merged), cut), city, partition)
     result["merged"] = found
-    say("merged:", found)
+    say(f"merged: {found}")
     lost = _seam_loss(found)
     result["seam_loss_db"] = lost
     verdict = "holds" if lost <= ALLOWED or math.isnan(lost) else "FAILS"
     say(f"seams lose {lost:.2f} dB; at most {ALLOWED} dB {verdict}")
     result["eval"] = gsfw(["eval", merged, f"data={cut}"])
-    say("all Gaussians:", result["eval"])
+    say(f"all Gaussians: {result['eval']}")
     rows = result["blocks_under_limit"]["gaussians"]
     budget = max(1, round(float(given["budget"]) * rows))
     result["eval_budget"] = {"budget": budget} | gsfw(
         ["eval", merged, f"data={cut}", f"budget={budget}"]
     )
-    say("within a budget:", result["eval_budget"])
+    say(f"within a budget: {result['eval_budget']}")
     if int(given["whole_steps"]):
         whole = folder / "whole"
         if not (whole / "metrics.json").exists():
             length = _length(given, given["whole_steps"])
             gsfw(["train", "method=3dgs", f"data={cut}", *length, f"out={whole}"])
         result["whole"] = _of_run(whole) | quality(opened(whole, cut), city, partition)
-        say("in one piece without a limit:", result["whole"])
+        say(f"in one piece without a limit: {result['whole']}")
         say(f"its seams lose {_seam_loss(result['whole']):.2f} dB")
 
 

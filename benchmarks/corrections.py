@@ -21,6 +21,7 @@ from statistics import mean, stdev
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import torch
+from printing import say
 from support.perturbed_captures import WrongCapture, wrong_motions
 from torch import Tensor
 
@@ -97,12 +98,6 @@ def text(values: tuple[float, ...]) -> str:
     """Mean and standard deviation."""
     spread = f" ± {stdev(values):.2f}" if len(values) > 1 else ""
     return f"{mean(values):.2f}{spread}"
-
-
-def say(line: str) -> None:
-    """Print a line at once."""
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
 
 
 def main(arguments: list[str]) -> None:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import torch
-from step_kernels import kernels, pace, say
+from printing import say
+from step_kernels import kernels, pace
 from torch import Tensor
 
 from gsfw.core.loop.recording import CudaRecorder

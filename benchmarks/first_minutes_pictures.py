@@ -18,6 +18,7 @@ from pathlib import Path
 
 import torch
 from PIL import Image, ImageDraw, ImageFont
+from printing import say_size
 from torch import Tensor
 
 from gsfw.commands.main import main as gsfw
@@ -147,10 +148,7 @@ def main(out: Path, run: Path) -> None:
         report(run, out / "first-report.jpg"),
     ]
     for file in filter(None, made):
-        size = file.stat().st_size
-        print(f"{file}: {size / 1e3:.0f} kB")  # noqa: T201 - a script
-        if size > MOST_BYTES:
-            raise SystemExit(f"{file} is larger than {MOST_BYTES / 1e3:.0f} kB")
+        say_size(file, MOST_BYTES)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from gpu_profile import KernelProfile
+from printing import say
 
 FIGURES = {
     "forward": "forward",
@@ -143,12 +143,6 @@ class Report:
         (self._folder / "gpu.json").write_text(document, encoding="utf-8")
         logs = "\n".join(f"== {part}\n{text}" for part, text in self._logs.items())
         (self._folder / "gpu.log").write_text(logs, encoding="utf-8")
-
-
-def say(text: str) -> None:
-    """A line for people, at once."""
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
 
 
 def _drawing_rows(part: str, found: Mapping[str, Any]) -> Iterator[Row]:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
+from printing import say
 from support.true_surface import distances, true_surface
 
 from gsfw.core.loop.run_folder import RunFolder
@@ -27,12 +28,6 @@ from gsfw.plugins.run_source import RunSource
 HEAD = (
     "| `resolution` | triangles | CPU s | to the surface: median | 95 % | from it: median | 95 % |"
 )
-
-
-def say(line: str) -> None:
-    """Print a line at once."""
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
 
 
 def main() -> None:

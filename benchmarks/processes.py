@@ -23,6 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from printing import say
+
 SCENE = (
     *("train", "method=3dgs", "datamanager=synthetic", "strategy=none", "report=false"),
     *("log_every=1", "datamanager.views=16", "datamanager.eval_views=2", "eval_every=0"),
@@ -110,12 +112,6 @@ def memories(word: str) -> Mapping[int, float]:
         except OSError:  # It has ended meanwhile.
             continue
     return found
-
-
-def say(line: str) -> None:
-    """Print a line at once."""
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
 
 
 def show_memory(numbers: Sequence[int], most: int, size: tuple[int, int]) -> None:

@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
+from printing import say_size
 
 from gsfw.commands.interface.runs import find_run, restore_run
 from gsfw.commands.main import main as gsfw
@@ -129,10 +130,7 @@ def main(out: Path, runs: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         files = [film(moving, Path(folder), out), *stills(still, moving, Path(folder), out)]
     for file in files:
-        size, most = file.stat().st_size, FILM_BYTES if file.suffix == ".webp" else STILL_BYTES
-        print(f"{file}: {size / 1e3:.0f} kB")  # noqa: T201 - a script
-        if size > most:
-            raise SystemExit(f"{file} is larger than {most / 1e3:.0f} kB")
+        say_size(file, FILM_BYTES if file.suffix == ".webp" else STILL_BYTES)
 
 
 if __name__ == "__main__":

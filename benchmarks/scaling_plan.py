@@ -19,6 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import scaling_checks as checks
+from printing import say
 from scaling_costs import compute_costs, network_times, with_network
 from scaling_formulas import Costs
 from scaling_ways import IMAGE_BYTES, SCENES, VIEW, Planner, readable
@@ -31,12 +32,6 @@ HEAD = (
     "| 10 Gbit/s | 100 Gbit/s | hours | photos read, a machine and second | |",
     "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
 )
-
-
-def say(*lines: str) -> None:
-    """Print lines at once."""
-    sys.stdout.write("\n".join(lines) + "\n")
-    sys.stdout.flush()
 
 
 def draw(path: Path, planner: Planner) -> None:

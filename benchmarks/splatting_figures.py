@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from printing import say_size
 from torch import Tensor
 
 from gsfw.charts.style import INK, SERIES, new_figure, place, styled, write, write_figure
@@ -315,10 +316,7 @@ def main(folder: Path) -> None:
     for figure in (projection, blending, harmonics, tiles):
         file = folder / f"splatting-{figure.__name__}.png"
         write_figure(file, figure())
-        size = file.stat().st_size
-        print(f"{file}: {size / 1e3:.0f} kB")  # noqa: T201 - a script
-        if size > MOST_BYTES:
-            raise SystemExit(f"{file} is larger than {MOST_BYTES / 1e3:.0f} kB")
+        say_size(file, MOST_BYTES)
 
 
 if __name__ == "__main__":

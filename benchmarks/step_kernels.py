@@ -17,6 +17,7 @@ from pathlib import Path
 from statistics import median
 
 import torch
+from printing import say
 from torch.profiler import ProfilerActivity, profile
 
 from gsfw.core.errors import UserError
@@ -124,12 +125,6 @@ def kernels(step: Step) -> None:
     say(f"kernels: {total / 1e3:.3f} ms a step, {launches:.0f} launches")
     for microseconds, count, name in rows[:LINES]:
         say(f"  {microseconds:9.1f} us {count:5.1f}x {name[:100]}")
-
-
-def say(text: str) -> None:
-    """A line for people, at once."""
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
+from printing import say
 
 from gsfw.plugins.compose import compose
 from gsfw.plugins.memory_fit import MemoryFit
@@ -92,7 +93,7 @@ def measured(case: Case, out: Path) -> int:
         peak = max(peak, 1024 * int(found[1]) if found else 0)
         time.sleep(0.01)
     if run.returncode:
-        _show(run.stderr.read() if run.stderr else "")
+        say(run.stderr.read() if run.stderr else "")
         return 0
     return peak
 
@@ -113,17 +114,12 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="cases with these words alone")
     only = parser.parse_args(arguments).only
-    _show("| run | measured | estimate | ratio |\n|---|---|---|---|")
+    say("| run | measured | estimate | ratio |\n|---|---|---|---|")
     for case in (case for case in CASES if only in str(case)):
         with tempfile.TemporaryDirectory() as folder:
             peak, estimate = measured(case, Path(folder) / "run"), estimated(case)
         ratio = estimate / peak if peak else 0.0
-        _show(f"| {case} | {peak / 1e6:.0f} MB | {estimate / 1e6:.0f} MB | {ratio:.2f} |")
-
-
-def _show(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
+        say(f"| {case} | {peak / 1e6:.0f} MB | {estimate / 1e6:.0f} MB | {ratio:.2f} |")
 
 
 if __name__ == "__main__":
