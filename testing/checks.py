@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -125,37 +125,14 @@ def _kept(subjects: Sequence[Subject]) -> list[Outcome]:
     return found
 
 
-@dataclass(frozen=True)
-class PartCheck:
-    """Checks every promise of a part of one kind: ``check`` with a fixed ``slot``."""
-
-    slot: str
-
-    def __call__(
-        self,
-        name: str,
-        *,
-        plugin: ModuleType | object | str | None = None,
-        data: Path | str | None = None,
-        settings: Sequence[str] = (),
-    ) -> list[Outcome]:
-        """Check a part by its registered name.
-
-        Raises:
-            ConformanceError: a promise is broken.
-            ConfigError: there is no such part.
-        """
-        return check(self.slot, name, plugin=plugin, data=data, settings=settings)
-
-
-check_method = PartCheck("method")
-check_strategy = PartCheck("strategy")
-check_rasterizer = PartCheck("rasterizer")
-check_datamanager = PartCheck("datamanager")
-check_sampler = PartCheck("sampler")
-check_metric = PartCheck("metric")
-check_callback = PartCheck("callback")
-check_exporter = PartCheck("exporter")
-check_importer = PartCheck("importer")
-check_command = PartCheck("command")
-check_operators = PartCheck("operators")
+check_method = partial(check, "method")
+check_strategy = partial(check, "strategy")
+check_rasterizer = partial(check, "rasterizer")
+check_datamanager = partial(check, "datamanager")
+check_sampler = partial(check, "sampler")
+check_metric = partial(check, "metric")
+check_callback = partial(check, "callback")
+check_exporter = partial(check, "exporter")
+check_importer = partial(check, "importer")
+check_command = partial(check, "command")
+check_operators = partial(check, "operators")
