@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
     from matplotlib.transforms import Bbox
 
+QUALITY = "PSNR (dB)"
+"""Label of the vertical axis."""
 PANEL = (640.0, 620.0)
 """Size of a panel, in layout units; so are all sizes here."""
 LEFT, TOP, RIGHT, BOTTOM = 64.0, 74.0, 26.0, 64.0
@@ -76,13 +78,12 @@ class FrontPanel:
 
 
 @styled
-def front_figure(panels: Sequence[FrontPanel], legend: Mapping[str, Color], quality: str) -> Figure:
+def front_figure(panels: Sequence[FrontPanel], legend: Mapping[str, Color]) -> Figure:
     """Panels side by side, under one legend.
 
     Args:
         panels: at least one.
         legend: colours of dots by the names of their groups.
-        quality: label of the vertical axis.
     """
     from matplotlib.lines import Line2D
 
@@ -92,7 +93,7 @@ def front_figure(panels: Sequence[FrontPanel], legend: Mapping[str, Color], qual
         left = number * PANEL[0]
         axes = place(figure, left + LEFT, TOP, left + PANEL[0] - RIGHT, PANEL[1] - BOTTOM)
         _panel(axes, panel)
-        write(figure, left + LEFT - 30, TOP - 18, quality)
+        write(figure, left + LEFT - 30, TOP - 18, QUALITY)
     dots = [Line2D([], [], color=color, marker="o", linestyle="") for color in legend.values()]
     figure.legend(
         dots,

@@ -32,7 +32,7 @@ def write_pareto_plot(path: Path, records: Sequence[Record]) -> None:
         panels.append(_panel("render time (ms per view)", timed, time_front(drawn)))
     present = {record.axis for record in drawn}
     legend = {axis: color for axis, color in COLOR.items() if axis in present}
-    write_figure(path, front_figure(panels, legend, "PSNR (dB)"))
+    write_figure(path, front_figure(panels, legend))
 
 
 def _panel(cost: str, dots: Sequence[CostDot], front: Sequence[Point]) -> FrontPanel:

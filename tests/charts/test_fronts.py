@@ -18,7 +18,7 @@ DOTS = [
 
 
 def axes_of(dots, front, cost="MB"):
-    return front_figure([FrontPanel(cost, dots, front)], {"kind": "#222222"}, "PSNR").axes[0]
+    return front_figure([FrontPanel(cost, dots, front)], {"kind": "#222222"}).axes[0]
 
 
 def shown(axes):
@@ -66,7 +66,7 @@ def test_far_dots_are_counted_instead_of_drawn():
 
 def test_panels_share_a_legend():
     panels = [FrontPanel("MB", DOTS, []), FrontPanel("ms", DOTS[:1], ["all"])]
-    figure = front_figure(panels, {"kind": "#222222", "other": "#111111"}, "PSNR (dB)")
+    figure = front_figure(panels, {"kind": "#222222", "other": "#111111"})
     assert [axes.get_xlabel() for axes in figure.axes] == ["MB", "ms"]
     assert [text.get_text() for text in figure.texts] == ["PSNR (dB)", "PSNR (dB)"]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kind", "other"]
@@ -94,6 +94,6 @@ def test_labels_lie_within_the_axes_and_cover_no_dot_and_no_other_label(seed):
 @pytest.mark.slow
 def test_labels_without_room_are_drawn_all_the_same():
     dots = [CostDot(f"{n}", "a rather long label " * 3, "#111111", 5.0, 30.0) for n in range(12)]
-    figure = front_figure([FrontPanel("MB", dots, [dot.name for dot in dots])], {}, "PSNR")
+    figure = front_figure([FrontPanel("MB", dots, [dot.name for dot in dots])], {})
     assert len(figure.axes[0].texts) == 12
     assert png_bytes(figure)

@@ -38,7 +38,7 @@ def write_plot(path: Path, found: Sequence[Trained]) -> None:
             panels.append(FrontPanel(label, dots, front))
     present = {_group(item) for item in found}
     legend = {name: color for name, color in COLOR.items() if name in present}
-    write_figure(path, front_figure(panels, legend, "PSNR (dB)"))
+    write_figure(path, front_figure(panels, legend))
 
 
 def _dot(item: Trained, price: float, cost: str) -> CostDot:
