@@ -1,15 +1,13 @@
-"""Video files: what their packets tell without decoding, and their images in order.
+"""Video files: the times of their images, and the images in order.
 
 Decoding begins at key frames only, so images come in segments: from one key frame to the next.
 """
 
 from __future__ import annotations
 
-import re
 import statistics
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,16 +16,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from gsfw.core.errors import DataError, UnavailableError
+from gsfw.core.errors import DataError
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.images import Header
+from gsfw.datamanagers.video_container import ADVICE, opened_video, reason_of, time_stamps
 from gsfw.datamanagers.video_traits import VideoTraits, conversion
 
 UNEVEN = 0.5
 """An interval that differs from the median by more than this part of it: an image is missing."""
-
-MISSING = 5.0
-"""So many images' time without images at a video's end: they are missing."""
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom edge in pixels; the right and bottom ones are just outside."""
@@ -59,8 +55,8 @@ class Video:
             DataError: it is no video, or it is cut off or damaged, as far as packets tell.
             UnavailableError: PyAV is not installed.
         """
-        with _opened(path) as (container, stream):
-            stamps, keys = _packets(path, container, stream)
+        with opened_video(path) as (container, stream):
+            stamps, keys = time_stamps(path, container, stream)
             unit = float(stream.time_base)
         order = sorted(stamps)
         numbers = {stamp: number for number, stamp in enumerate(order)}
@@ -72,7 +68,7 @@ class Video:
             keys=tuple(sorted({0, *(numbers[stamp] for stamp in keys)})),
             traits=VideoTraits(0, 0),
         )
-        with _opened(path) as (container, stream):
+        with opened_video(path) as (container, stream):
             first = next(video._decoded(container, stream), None)
             if first is None:
                 raise DataError(f"{path}: none of its {len(order)} images decodes.", ADVICE)
@@ -181,7 +177,7 @@ class Video:
             return
         expected, last, wanted = numbers[0], numbers[-1], frozenset(numbers)
         start = self.segment(expected).start
-        with _opened(self.path) as (container, stream):
+        with opened_video(self.path) as (container, stream):
             if start > 0:
                 container.seek(self.stamps[start], stream=stream)
             for number, frame in self._decoded(container, stream):
@@ -219,7 +215,8 @@ class Video:
         except (av.FFmpegError, OSError) as error:
             after = f"after image {latest}" if latest >= 0 else "its first image"
             raise DataError(
-                f"{self.path}: {after} of {len(self)}, the video does not decode: {_text(error)}",
+                f"{self.path}: {after} of {len(self)}, the video does not decode: "
+                f"{reason_of(error)}",
                 ADVICE,
             ) from error
 
@@ -248,153 +245,6 @@ class Shot:
         return replace(self, video=replace(self.video, traits=traits))
 
 
-ADVICE = "Copy the video again; if it was recorded so, write it anew with ffmpeg -i OLD NEW.mp4."
-
-
 def is_video(path: Path) -> bool:
     """True if a file's name says that it is a video."""
     return path.suffix.lower() in VIDEOS and path.is_file()
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """The container and its video stream, for PyAV."""
-    try:
-        import av
-    except ImportError:
-        raise UnavailableError(
-            f"{path} is a video, and PyAV, which decodes videos, is not installed.",
-            "Install it with: pip install 'gsfw[video]' (or: pip install av). Or cut the video "
-            "into images.",
-        ) from None
-    try:
-        container = _container(path)
-    except (av.FFmpegError, OSError) as error:
-        raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error
-    with container:
-        if not container.streams.video or container.format.name.endswith(("_pipe", "image2")):
-            raise DataError(
-                f"{path}: the file ({container.format.long_name}) is no video.",
-                f"Expected a file such as {', '.join(VIDEOS)} with a video in it.",
-            )
-        stream = container.streams.video[0]
-        # One thread for each video: several videos are decoded at once, and seeking stays quick.
-        stream.thread_type = "NONE"
-        yield container, stream
-
-
-def _container(path: Path, options: Mapping[str, str] | None = None) -> Any:  # noqa: ANN401
-    """Open a file by PyAV, whatever bytes its metadata holds."""
-    import av
-
-    # PyAV 19 replaces metadata that is no text by itself; earlier versions need an argument for it.
-    settings: dict[str, Any] = {"options": dict(options or {})}
-    if int(av.__version__.partition(".")[0]) < 19:
-        settings["metadata_errors"] = "replace"
-    # FFmpeg takes text before a colon in a relative path for a protocol.
-    return av.open(str(path.absolute()), **settings)
-
-
-def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[int]]:  # noqa: ANN401
-    """Time stamps of all images, and of the key frames among them."""
-    import av
-
-    stamps, keys, corrupt = [], [], 0
-    try:
-        for packet in container.demux(stream):
-            if packet.size == 0 or packet.is_discard:
-                continue
-            corrupt += packet.is_corrupt
-            stamp = packet.dts if packet.pts is None else packet.pts
-            if stamp is None:
-                raise DataError(
-                    f"{path}: its images have no time stamps.",
-                    "Put it into a container that has them: ffmpeg -i OLD -c copy NEW.mp4.",
-                )
-            stamps.append(stamp)
-            if packet.is_keyframe:
-                keys.append(stamp)
-    except (av.FFmpegError, OSError) as error:
-        raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error
-    announced = stream.frames or len(stamps)
-    if len(stamps) < announced and not corrupt and "mov" in container.format.name:
-        announced -= _count_stored(path) - len(stamps)
-    if corrupt or len(stamps) < announced:
-        there = len(stamps) - corrupt
-        raise DataError(
-            f"{path} is cut off: its header announces {announced} images, {there} are there.",
-            "Copy the video again.",
-        )
-    if not stamps:
-        raise DataError(f"{path}: the video contains no images.", "Record or copy it again.")
-    _check_length(path, stream, stamps)
-    return stamps, keys
-
-
-def _check_length(path: Path, stream: Any, stamps: list[int]) -> None:  # noqa: ANN401
-    """Check that a video lasts as long as it announces: Matroska does so in place of a number.
-
-    Raises:
-        DataError: its end is missing.
-    """
-    parts = re.fullmatch(r"(\d+):(\d+):(\d+\.\d+)", stream.metadata.get("DURATION", ""))
-    if parts is None or len(stamps) < 2:
-        return
-    announced = 3600 * int(parts[1]) + 60 * int(parts[2]) + float(parts[3])
-    first, last = min(stamps) * float(stream.time_base), max(stamps) * float(stream.time_base)
-    if announced - last > MISSING * (last - first) / (len(stamps) - 1):
-        raise DataError(
-            f"{path} is cut off: its header announces {announced:.2f} s, and its last image is "
-            f"at {last:.2f} s.",
-            "Copy the video again.",
-        )
-
-
-def _count_stored(path: Path) -> int:
-    """Number of images in an MP4 or MOV file, with those that its edit list leaves out.
-
-    Editors trim videos by such a list, and leave the images and their announced number as is.
-    """
-    import av
-
-    try:
-        with _container(path, {"ignore_editlist": "1"}) as container:
-            return sum(packet.size > 0 for packet in container.demux(container.streams.video[0]))
-    except (av.FFmpegError, OSError) as error:
-        raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error
-
-
-def _reason(path: Path, error: Exception) -> str:
-    if path.is_dir():
-        return "this is a folder."
-    if not path.exists():
-        return "there is no such file."
-    size = path.stat().st_size
-    if size == 0:
-        return "the file is empty (0 bytes)."
-    boxes = _boxes(path)
-    if "ftyp" in boxes and "moov" not in boxes:
-        return f"the video is cut off after {size} bytes: its index (the moov box) is missing."
-    return f"these {size} bytes are no video ({_text(error)})."
-
-
-def _boxes(path: Path) -> list[str]:
-    """Names of the outermost boxes of an MP4 or MOV file (ISO/IEC 14496-12, 4.2)."""
-    names: list[str] = []
-    position, size = 0, path.stat().st_size
-    with path.open("rb") as file:
-        while position + 8 <= size and len(names) < 64:
-            file.seek(position)
-            head = file.read(16)
-            length = int.from_bytes(head[:4], "big")
-            if length == 1:
-                length = int.from_bytes(head[8:16], "big")
-            names.append(head[4:8].decode("latin-1"))
-            if length < 8:
-                break
-            position += length
-    return names
-
-
-def _text(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
