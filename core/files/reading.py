@@ -43,7 +43,12 @@ def followed(path: Path) -> Path:
 
 
 def first_bytes(path: Path, count: int) -> bytes:
-    """The first bytes of a file, to recognise its format; empty if it cannot be read."""
+    """The first bytes of a file, to recognise its format; empty if it cannot be read.
+
+    A pipe is no file: its first bytes would be lost to whoever reads it, or come never.
+    """
+    if not is_file(path):
+        return b""
     try:
         with path.open("rb") as file:
             return file.read(count)

@@ -1,9 +1,11 @@
 """Errors of the file system name the file, and leave all others as they are."""
 
+import os
+
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.core.files.reading import is_file, is_folder, is_there, readable
+from gsfw.core.files.reading import first_bytes, is_file, is_folder, is_there, readable
 
 
 def test_a_file_that_cannot_be_read_is_named_with_the_cause(tmp_path):
@@ -31,3 +33,11 @@ def test_files_folders_and_links_are_told_apart(tmp_path):
     found = {name: is_file(tmp_path / name) for name in ("file", "itself", "link", ".")}
     assert found == {"file": True, "itself": False, "link": True, ".": False}
     assert not is_there(tmp_path / "itself")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_the_first_bytes_of_what_is_no_file_are_none(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_bytes(b"ply\nformat")
+    found = [first_bytes(tmp_path / name, 4) for name in ("file", "pipe", "absent", ".")]
+    assert found == [b"ply\n", b"", b"", b""]
