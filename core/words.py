@@ -65,6 +65,16 @@ def listed(names: Sequence[str], most: int = 5) -> str:
     return ", ".join(names[:most]) + more
 
 
+def capitalized(text: str) -> str:
+    """A clause as the beginning of a sentence; unlike ``str.capitalize`` it keeps other letters."""
+    return text[:1].upper() + text[1:]
+
+
+def uncapitalized(text: str) -> str:
+    """A sentence as the continuation of another one."""
+    return text[:1].lower() + text[1:]
+
+
 def metric_name(name: str) -> str:
     """A metric as people read it: "moving_psnr" is "moving PSNR"."""
     words = name.replace("_", " ").replace("color corrected", "colour-corrected")

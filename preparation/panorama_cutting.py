@@ -12,7 +12,7 @@ from typing import Literal
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.progress import tracked
-from gsfw.core.words import counted, listed
+from gsfw.core.words import capitalized, counted, listed
 from gsfw.datamanagers.images import Header, decode, decode_mask
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.choices import Choices
@@ -127,8 +127,7 @@ def cut_panoramas(images: ImageSet, rule: PanoramaRule, folder: Path, choices: C
     if not found:
         first, names = left_out[0], listed([item.name for item in left_out], 1)
         raise DataError(
-            f"{names}: there is no image that can be used. {first.reason[:1].upper()}"
-            f"{first.reason[1:]}.",
+            f"{names}: there is no image that can be used. {capitalized(first.reason)}.",
             first.advice,
         )
     cut_ones = [one for one in panoramas if views[one.name]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gsfw.core.words import capitalized
 from gsfw.reports.markup import NOTHING, Markup, bullet_list, element, folded, join, section, table
 from gsfw.reports.run_record import RunRecord, listed, number
 
@@ -32,7 +33,7 @@ def requirements_section(record: RunRecord) -> Markup:
         how = f"{measured['how']} A dash: not measured."
         content.append(folded("How this was measured", element("p", how)))
     headline = str(found.get("headline", ""))
-    lead = headline[:1].upper() + headline[1:] + ("." if headline else "")
+    lead = capitalized(headline) + ("." if headline else "")
     return section("requirements", "Requirements of the scene", content, lead)
 
 

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar, Union, get_args, get_origin, get_type_
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text, read_document
+from gsfw.core.words import uncapitalized
 
 SCHEMA = 1
 """Number of the layout; raised when an older gsfw could not read a newer file."""
@@ -129,7 +130,7 @@ def _read(path: Path, found: Any, name: str, kind: type[T], advice: str) -> Iter
                 for place, wrong, expected in _mistakes(field, value, hints[field]):
                     raise DataError(
                         f"{path}: {name}[{number}]: {place} is {wrong!r}; expected {expected}.",
-                        f"Put it right, or {advice[0].lower()}{advice[1:]}",
+                        f"Put it right, or {uncapitalized(advice)}",
                     )
             yield kind(**values)
     except (AttributeError, TypeError):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsfw.core.cameras import CameraModel
-from gsfw.core.words import listed
+from gsfw.core.words import listed, uncapitalized
 from gsfw.preparation.check.lens_groups import LensGroup
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight
@@ -127,7 +127,7 @@ def _pixels(survey: Survey) -> Iterator[Finding]:
     else:
         found = f"{low:.3f} times as high as wide."
         why = "Cameras have square pixels: images were stretched, or the calibration has failed."
-        advice = f"If images were not stretched: {remedy[0].lower()}{remedy[1:]}"
+        advice = f"If images were not stretched: {uncapitalized(remedy)}"
     yield Finding(
         "pixels not square",
         Weight.LIMIT,

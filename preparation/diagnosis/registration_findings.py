@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from gsfw.core.words import listed
+from gsfw.core.words import capitalized, listed
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
 from gsfw.preparation.diagnosis.own_focals import PER_IMAGE
@@ -152,8 +152,7 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _sentence(clauses: list[str]) -> str:
-    joined = "; ".join(clauses)
-    return f"{joined[0].upper()}{joined[1:]}."
+    return f"{capitalized('; '.join(clauses))}."
 
 
 def _and(numbers: list[int]) -> str:

@@ -7,6 +7,7 @@ import pytest
 
 from gsfw.core.words import (
     brief,
+    capitalized,
     clock,
     counted,
     duration,
@@ -17,6 +18,7 @@ from gsfw.core.words import (
     shell_argument,
     shown_metrics,
     size,
+    uncapitalized,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,6 +96,12 @@ def test_long_lists_of_names_end_in_their_number():
     names = ["a.png", "b.png", "c.png"]
     assert listed(names) == "a.png, b.png, c.png"
     assert listed(names, 1) == "a.png and 2 more"
+
+
+def test_a_clause_becomes_a_sentence_and_a_sentence_a_clause():
+    assert capitalized("the lens of an iPhone") == "The lens of an iPhone"
+    assert uncapitalized("The lens of an iPhone") == "the lens of an iPhone"
+    assert capitalized("") == uncapitalized("") == ""
 
 
 def test_metrics_have_words():

@@ -10,6 +10,7 @@ from typing import Any
 
 from gsfw.core.ranges import RANGE
 from gsfw.core.step_settings import step_settings
+from gsfw.core.words import capitalized
 from gsfw.plugins.exporters import PREFIX
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
@@ -90,8 +91,7 @@ def _described(spec: Spec) -> str:
 
 
 def _sentence(spec: Spec) -> str:
-    text = prose(_described(spec))
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{capitalized(prose(_described(spec)))}."
 
 
 def _methods(registry: Registry) -> tuple[list[Row], dict[str, tuple[Spec, list[Row]]]]:
