@@ -17,7 +17,7 @@ from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.preparation.camera_grouping import PANORAMA
 from gsfw.preparation.choices import Choices
-from gsfw.preparation.diagnosis.unregistered import FEW as FEW_FEATURES
+from gsfw.preparation.diagnosis.image_faults import FEW as FEW_FEATURES
 from gsfw.preparation.diagnosis.usual import blurred_beside
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.image_set import ImageSet, SourceImage

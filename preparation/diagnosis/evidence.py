@@ -8,10 +8,11 @@ from functools import cached_property
 from pathlib import Path
 
 from gsfw.preparation.camera_grouping import CameraGroup
+from gsfw.preparation.diagnosis.inquiry import why_unregistered
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component, MatchGraph
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.unplaced_panoramas import by_panorama
-from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
+from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.image_set import ImageSet

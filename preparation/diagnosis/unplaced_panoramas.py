@@ -6,14 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import get_args
 
+from gsfw.core.words import uncapitalized
+from gsfw.preparation.diagnosis.image_faults import FEW_TO_MATCH, SMALL, TEXTURE
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
-from gsfw.preparation.diagnosis.unregistered import (
-    FEW_TO_MATCH,
-    SMALL,
-    TEXTURE,
-    Reason,
-    Unregistered,
-)
+from gsfw.preparation.diagnosis.unregistered import Reason, Unregistered
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.image_set import ImageSet, ViewOfPanorama
 
@@ -75,7 +71,7 @@ class _Panorama:
 
     def with_reason_of(self, best: Unregistered) -> Unregistered:
         """The item of one of its views as that of the panorama."""
-        found = f"Its best view is {best.name}: {best.found[:1].lower()}{best.found[1:]}"
+        found = f"Its best view is {best.name}: {uncapitalized(best.found)}"
         advice = best.advice
         if best.reason in ("few features", "few matches"):
             advice = self._advice(best)

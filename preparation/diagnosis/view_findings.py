@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from gsfw.preparation.blur import ImageBlur, all_blurred, motion_findings
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS, has_computed_focal
 from gsfw.preparation.diagnosis.evidence import Evidence
+from gsfw.preparation.diagnosis.inquiry import APART, is_copy
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.repetition import ONCE
-from gsfw.preparation.diagnosis.unregistered import APART, is_copy
 from gsfw.preparation.finding import Finding, Weight
 from gsfw.preparation.image_quality import SOFT
 

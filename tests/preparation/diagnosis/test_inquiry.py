@@ -1,9 +1,10 @@
 from pathlib import Path
 
 from gsfw.datamanagers.images import Header
+from gsfw.preparation.diagnosis.inquiry import why_unregistered
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
-from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
+from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.image_quality import ImageQuality
