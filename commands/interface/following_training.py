@@ -12,17 +12,16 @@ import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TypeVar
 
 from gsfw.commands.interface.arguments import (
     Arguments,
-    Options,
     full_key,
     layers,
     parse,
     read_options,
 )
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.prepare_options import PrepareOptions
 from gsfw.commands.interface.progress import load_torch
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.files.atomic import write_atomically
@@ -46,10 +45,11 @@ ORDER = (
     "Keys of gsfw prepare stand before train=true, those of gsfw train after it: see "
     "gsfw prepare --help and gsfw train method=3dgs --help."
 )
+KEYS = {item.name for item in fields(PrepareOptions)}
+"""Keys of ``gsfw prepare``."""
 BEFORE = "Keys of gsfw prepare stand before train=true: gsfw prepare --help"
 
 Verb = Callable[[list[str]], int]
-VerbOptions = TypeVar("VerbOptions", bound=Options)
 
 
 def split(tokens: Sequence[str]) -> tuple[list[str], list[str] | None]:
@@ -66,10 +66,8 @@ def split(tokens: Sequence[str]) -> tuple[list[str], list[str] | None]:
     return list(tokens), None
 
 
-def read_both(
-    verb: str, kind: type[VerbOptions], tokens: Sequence[str]
-) -> tuple[VerbOptions, list[str] | None]:
-    """The options of a verb, and the words for ``gsfw train``, if any.
+def read_both(tokens: Sequence[str]) -> tuple[PrepareOptions, list[str] | None]:
+    """The options of ``gsfw prepare``, and the words for ``gsfw train``, if any.
 
     Raises:
         HelpRequested: ``--help`` was given.
@@ -77,21 +75,17 @@ def read_both(
     """
     own, following = split(tokens)
     try:
-        options = read_options(verb, kind, own)
+        options = read_options("prepare", PrepareOptions, own)
     except ConfigError as error:
-        if parse(own).values.keys() <= {"help", *_names(kind)}:
+        if parse(own).values.keys() <= {"help", *KEYS}:
             raise
         raise ConfigError(error.message, ORDER) from None
     if following is not None:
-        _check(parse(following), _names(kind))
+        _check(parse(following))
     return options, following
 
 
-def _names(kind: type[Options]) -> set[str]:
-    return {item.name for item in fields(kind)}
-
-
-def _check(arguments: Arguments, of_prepare: set[str]) -> None:
+def _check(arguments: Arguments) -> None:
     """Check what is meant for the training.
 
     Raises:
@@ -116,7 +110,7 @@ def _check(arguments: Arguments, of_prepare: set[str]) -> None:
         given = Arguments((), (*added, *arguments.pairs))
         asked_of(read_settings(given, installed()), layers(given))
     except ConfigError as error:
-        if arguments.values.keys() & of_prepare - {"out", "json", "debug"}:
+        if arguments.values.keys() & KEYS - {"out", "json", "debug"}:
             raise ConfigError(error.message, ORDER) from None
         raise ConfigError(error.message, f"{error.advice}\n{BEFORE}".strip()) from None
 

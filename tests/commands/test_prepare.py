@@ -16,6 +16,7 @@ from support.small_videos import write_video
 
 from gsfw.commands import prepare
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.prepare_options import PrepareOptions, preparation_rule
 from gsfw.commands.main import main
 from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder
@@ -136,8 +137,10 @@ def test_another_setting_repeats_only_what_depends_on_it(prepared, photos, capsy
 
 @pytest.mark.parametrize("layout", ["auto", "colmap", "transforms"])
 def test_the_layout_is_that_of_computed_cameras_too(layout):
-    options = prepare.PrepareOptions(inputs=("walk.mp4",), layout=layout)
-    assert prepare._rule(options).layout == ("transforms" if layout == "transforms" else "colmap")
+    options = PrepareOptions(inputs=("walk.mp4",), layout=layout)
+    assert preparation_rule(options).layout == (
+        "transforms" if layout == "transforms" else "colmap"
+    )
 
 
 @pytest.mark.parametrize(

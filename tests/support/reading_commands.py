@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gsfw.commands import blocks, check, partition, prepare, resume
+from gsfw.commands import blocks, check, partition, resume
 from gsfw.commands.interface.arguments import (
     HelpRequested,
     Options,
@@ -45,7 +45,7 @@ def read_command(words: Sequence[str]) -> None:
             assert tokens[:1] == ["show"]
             _read_settings(tokens[1:])
         case "prepare":
-            read_both(name, prepare.PrepareOptions, tokens)
+            read_both(tokens)
         case "check":
             _read_check(tokens)
         case "resume":
