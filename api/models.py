@@ -58,7 +58,7 @@ class Model:
         self._found = found.pinned(self._restored.step)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Its file or checkpoint, and the settings."""
+        """Cross to another process as a file or a checkpoint, with the changed settings."""
         return Model, (self._found, self._changed)
 
     @property

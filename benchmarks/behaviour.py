@@ -177,7 +177,7 @@ def checkpoints(run: Path) -> list[Path]:
 
 
 def digest(run: Path) -> dict[str, Any]:
-    """What a run ended with."""
+    """The results of a run, to be compared."""
     state = torch.load(checkpoints(run)[-1], weights_only=True)
     figures = json.loads((run / "metrics.json").read_text())
     parts = {key: state[key] for key in ("model", "corrections", "optimizer", "generator")}

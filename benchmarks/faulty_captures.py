@@ -1,4 +1,4 @@
-"""What `gsfw check` says of captures that were made faulty, and of sound ones.
+"""Findings of `gsfw check` on captures that were made faulty, and on sound ones.
 
     python benchmarks/faulty_captures.py DATA [--only NAME] [--keep DIR]
 
@@ -52,11 +52,11 @@ blurred indeed."""
 
 @dataclass(frozen=True)
 class Said:
-    """What check says."""
+    """Verdict of check."""
 
     verdict: str
     kinds: tuple[str, ...]
-    """Of its findings, the gravest first, without those that are harmless."""
+    """Findings, the gravest first, without those that are harmless."""
     text: str
     seconds: float
 

@@ -113,7 +113,7 @@ def write_city(
 
 
 def city_scene(city: City, camera: Cameras) -> SyntheticScene:
-    """What a camera of a city sees, in its world without the origin."""
+    """View of a camera of a city, in its world without the origin."""
     styles = [solids(city.seed + style) for style in range(STYLES)]
     return SyntheticScene((_ground(city), *_near(city, camera, styles)), 0.0)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 GARDEN = "reference/garden_workload.npz"
 CAPTURES = {"fox": "captures/fox", "chair": "synthetic/chair"}
-"""Where the shared data has them; a folder that holds them by their last name alone will do."""
+"""Paths in the shared data; a folder that holds them by their last name alone will do."""
 
 TESTS = (
     "tests/rasterizers",
@@ -33,7 +33,7 @@ class Drawing:
     limit: float
     """Seconds."""
     alone: bool = False
-    """Of our first rasterizer only, and not of its speed."""
+    """True if it concerns our first rasterizer only, and not its speed."""
     profiled: bool = False
     """Counters of every kernel are read too, where Nsight Compute is there."""
 
@@ -55,9 +55,9 @@ class Plan:
     trainings: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Settings by scene."""
     missing: dict[str, str] = field(default_factory=dict)
-    """Why a part cannot be run, by part."""
+    """Reasons of parts that cannot be run, by part."""
     trial_steps: int = 1000
-    """Of a short training, by which the number of steps is chosen."""
+    """Steps of a short training, by which the number of steps is chosen."""
     least_steps: int = 2000
     """Fewer say nothing."""
 

@@ -13,18 +13,18 @@ from pathlib import Path
 from gpu_package import ROOT
 
 KILL_SECONDS = 5.0
-"""How long a process may take to die."""
+"""Seconds that a process may take to die."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """What became of a command."""
+    """The end of a command."""
 
     output: str
     """Standard output."""
     seconds: float
     problem: str
-    """Why there is no result; empty when it ended well."""
+    """Reason that there is no result; empty when it ended well."""
 
 
 class Process:
@@ -48,7 +48,7 @@ class Process:
 
     @property
     def seconds(self) -> float:
-        """For how long it has run."""
+        """Duration since the start of the process."""
         return time.monotonic() - self._started
 
     def wait(self, seconds: float) -> Ended:

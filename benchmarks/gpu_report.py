@@ -18,7 +18,7 @@ FIGURES = {
     "step": "training step, our loss and Adam in both",
     "sparse_step": "the same, Adam on visible rows only",
 }
-"""Of `gsfw bench`."""
+"""Stages of `gsfw bench`, in words."""
 
 OWN_STEPS = {"own_step": ("step", "graph_step"), "own_sparse_step": ("sparse_step",)}
 """Steps as gsplat's own trainer does them, and the steps of ours that they are set against."""

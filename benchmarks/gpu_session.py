@@ -84,7 +84,7 @@ class Session:
             self._report.add(name, "skipped", reason)
 
     def wants_gsplat(self) -> bool:
-        """Whether a part that is run compares with it."""
+        """True if a part that is run compares with it."""
         compared = [drawing.name for drawing in self._plan.drawings if not drawing.alone]
         return (
             "gsplat tests" in self._parts
@@ -243,7 +243,7 @@ class Session:
         steps: int,
         share: float,
     ) -> int:
-        """How many steps fit for all runners, judged by short trainings; 0 if too few."""
+        """Number of steps that fit for all runners, judged by short trainings; 0 if too few."""
         started, trial = time.monotonic(), self._plan.trial_steps
         per_step, around = 0.0, 0.0
         for name, environment in runners.items():

@@ -1,4 +1,4 @@
-"""How long a training step takes with each of two installations of gsfw, in turns.
+"""Times of a training step with each of two installations of gsfw, in turns.
 
     python benchmarks/installations_in_turns.py WORKLOAD ROUNDS PYTHON PYTHON
 

@@ -23,7 +23,7 @@ from gsfw.preparation.check.viewpoints import Viewpoints
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """From OpenCV's axes of a camera to OpenGL's, and back."""
 QUALITY = 95
-"""Of the JPEG files."""
+"""Quality of the JPEG files."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class MadeCapture:
     """``v`` images with their cameras, and ``p`` points; written as a transforms.json."""
 
     names: tuple[str, ...]
-    """Of the files, without extension."""
+    """Names of the files, without extension."""
     images: tuple[UInt8[np.ndarray, "h w d"], ...]
     """Red, green, blue, and alpha if the data set has it."""
     poses: Float[np.ndarray, "v 4 4"]

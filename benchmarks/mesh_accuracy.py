@@ -1,4 +1,4 @@
-"""How near the mesh of a run on the built-in scene, which stands still, is to its true surface.
+"""Distances of the mesh of a run on the built-in still scene from its true surface.
 
     gsfw train method=3dgs datamanager.width=240 datamanager.height=180 steps=1000 out=runs/built-in
     python benchmarks/mesh_accuracy.py runs/built-in [--resolutions 96 160 256]

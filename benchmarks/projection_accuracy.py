@@ -1,4 +1,4 @@
-"""What splatting loses to true rays, and to a volume, and what these cost instead.
+"""Errors of splatting against true rays and against a volume, and the costs of these.
 
     OMP_NUM_THREADS=1 python benchmarks/projection_accuracy.py [FOLDER]
 
@@ -102,7 +102,7 @@ def squared_error(first: RenderOutput, second: RenderOutput) -> tuple[float, int
 
 
 def psnr(errors: Sequence[tuple[float, int]]) -> float:
-    """Of sums of squares and their counts."""
+    """PSNR of sums of squares and their counts."""
     mean = sum(error for error, _ in errors) / sum(count for _, count in errors)
     return -10 * math.log10(mean) if mean > 0 else math.inf
 
@@ -244,7 +244,7 @@ def volume() -> tuple[str, list[LinePanel]]:
 
 
 def scaling() -> str:
-    """What four times the pixels, and four times the Gaussians, cost each way."""
+    """Costs of four times the pixels, and of four times the Gaussians, each way."""
     ways: dict[str, Rasterizer] = {"splatting (reference)": REFERENCE}
     with suppress(UserError):  # Without the native module there is a row less.
         ways["splatting (cpu, float32)"] = CpuConfig().build(torch.device("cpu"))
@@ -266,7 +266,7 @@ def scaling() -> str:
 
 
 def opacities() -> str:
-    """How far peaks are from the volume, by how opaque Gaussians are."""
+    """Distances of peaks from the volume, by the opacity of the Gaussians."""
     camera, ray = camera_of(48, 36, 42.0), RayRasterizer(Volume(SAMPLES[-1]))
     text = "| opacity | alpha (dB) | colours (dB) |\n| ---: | ---: | ---: |\n"
     for opacity in OPACITIES:

@@ -1,4 +1,4 @@
-"""How good the affine projection is on the held-out views of a finished run.
+"""Quality of the affine projection on the held-out views of a finished run.
 
     OMP_NUM_THREADS=1 python benchmarks/projection_of_run.py RUN [VIEWS]
 

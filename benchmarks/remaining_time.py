@@ -1,4 +1,4 @@
-"""How well the remaining time of recorded runs would have been predicted; nothing is trained.
+"""Error of the predicted remaining time of recorded runs; nothing is trained.
 
     python benchmarks/remaining_time.py PART RUN RUN ...
 

@@ -67,13 +67,13 @@ class Plan:
     rows: float
     machines: int
     memory_mb: float
-    """Of a process."""
+    """Memory of a process."""
     sent: float
     """Bytes that a process sends in a step."""
     seconds: dict[str, float]
-    """Of a step, by network; all processes wait for the slowest."""
+    """Time of a step, by network; all processes wait for the slowest."""
     hours: float
-    """Of the whole training, with failures, at the fastest network."""
+    """Time of the whole training, with failures, at the fastest network."""
     streamed: float
     """Bytes of photos that one machine reads in a second."""
     remark: str = ""

@@ -1,4 +1,4 @@
-"""How long training steps and rendered views of finished runs take, in turns.
+"""Times of training steps and of rendered views of finished runs, in turns.
 
     OMP_NUM_THREADS=1 python benchmarks/steps_of_runs.py ROUNDS RUN RUN ...
 

@@ -1,4 +1,4 @@
-"""How far the tracks of a run on the built-in moving scene are from the true ones.
+"""Distances of the tracks of a run on the built-in moving scene from the true ones.
 
     python benchmarks/tracks.py RUN [RUN ...]
 

@@ -45,7 +45,7 @@ class Case:
     settings: Sequence[str] = ()
 
     def words(self, gaussians: int) -> list[str]:
-        """Its settings, with another number of Gaussians."""
+        """Settings of the case, with another number of Gaussians."""
         moving = ["datamanager.moving=true"] if self.method != "3dgs" else []
         return [
             *(f"method={self.method}", f"datamanager.points={gaussians}", "device=cpu", *moving),

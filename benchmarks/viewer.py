@@ -1,4 +1,4 @@
-"""How fast the page of the viewer is, and what it costs a run that trains.
+"""Speed of the page of the viewer, and its cost for a run that trains.
 
     OMP_NUM_THREADS=2 python benchmarks/viewer.py [--gaussians 50000 200000 1000000] [--rounds 3]
         [--steps 300] [--seconds 10] [--settings data=PATH ...]

@@ -52,7 +52,7 @@ class Outcome:
     promises: Sequence[Promise]
     details: Sequence[Detail] = ()
     failures: Sequence[str] = ()
-    """What broke a promise, a line each, with what repeats it (a seed)."""
+    """Broken promises, a line each, with the seed that repeats them."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Campaign:
     name: str
     summary: str
     counts: str
-    """What its size counts: "executions", "crash points"."""
+    """Unit of its size: "executions", "crash points"."""
     full: int
     """Size of the run whose figures are published."""
     run: Callable[[int, int, Callable[[str], None]], Outcome]

@@ -62,7 +62,7 @@ Pending = TypeVar("Pending")
 def _left(
     pending: Sequence[Pending], fate: Fate, lost: Fate, draw: random.Random
 ) -> Sequence[Pending]:
-    """What a power loss leaves of pending operations; none for ``lost``."""
+    """Pending operations that a power loss leaves done; none for ``lost``."""
     if fate in (Fate.LOST, lost):
         return ()
     if fate is Fate.SOME:
@@ -126,7 +126,7 @@ class Disk:
         """Names that are synchronised."""
         self._pending: list[_Change] = []
         self.marks: list[str] = []
-        """What the program has reported by now."""
+        """Output that the program has reported by now."""
 
     def apply(self, item: Operation) -> None:
         """Apply the next operation."""

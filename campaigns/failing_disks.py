@@ -78,7 +78,7 @@ class Disks:
         self.server, self.place, self.inputs = server, base / "disk" / "work", base / "inputs"
         self.random, self.seed = random.Random(seed), seed
         self.counts: Counter[tuple[str, str]] = Counter()
-        """By verb and way."""
+        """Number of trials, by verb and way."""
         self.ends: Counter[str] = Counter()
         self.failures: list[str] = []
         self._known: dict[tuple[Work, Calls], Undisturbed] = {}
@@ -232,7 +232,7 @@ def _end(ended: Ended) -> str:
 
 
 def ending_problems(ended: Ended) -> Iterator[str]:
-    """What is wrong with the end of a command whose disk fails."""
+    """Tell faults of the end of a command whose disk fails."""
     if ended.hung:
         yield "it hangs"
     if "Traceback" in ended.complained:

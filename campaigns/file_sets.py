@@ -67,7 +67,7 @@ class Damage:
     content: bytes | None
     """The file's new bytes; ``None`` if something else stands in its place."""
     other: str = ""
-    """What stands there: "nothing", "folder", "outside" (a link out of the folder) or "itself"."""
+    """Its new content: "nothing", "folder", "outside" (a link out of the folder) or "itself"."""
 
     def __str__(self) -> str:
         what = self.other or f"{len(self.content or b'')} bytes"

@@ -137,7 +137,7 @@ READERS: Mapping[str, Callable[[Path], Any]] = {
     ".jsonl": lambda path: [_timeless(json.loads(x)) for x in path.read_text().splitlines()],
     ".md": lambda path: [x for x in path.read_text().splitlines() if not x.startswith("- gsfw ")],
 }
-"""What is compared of files by their suffix; of others all bytes."""
+"""Part of a file that is compared, by suffix; of other files all bytes are."""
 
 
 def _timeless(value: Any) -> Any:  # noqa: ANN401 - plain data

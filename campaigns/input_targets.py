@@ -130,7 +130,7 @@ def _read_capture(kind: type[DataManagerConfig], path: Path, number: int) -> Dat
 
 
 def _capture(data: DataManager | None) -> str:
-    """What is wrong with the cameras and points of a data set."""
+    """Tell faults of the cameras and points of a data set."""
     if data is None:
         return ""
     scene = data.scene

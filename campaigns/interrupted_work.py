@@ -53,7 +53,7 @@ class Work:
     name: str
     """Name of the verb, and of its kind."""
     words: tuple[str, ...]
-    """Its arguments; below {place} it writes, {inputs} it reads."""
+    """Arguments of the command, which writes below {place} and reads below {inputs}."""
     goes_on: Callable[[Path], tuple[str, ...] | None] = lambda place: None
     """Arguments that go on with what is in the place; ``None`` for the same command."""
     inputs: str = ""
@@ -181,7 +181,7 @@ class Undisturbed:
     """An undisturbed run of a work."""
 
     ended: Ended
-    """With the number of calls that its command's fault counts."""
+    """The end of the run, with the number of calls that a fault of its command counts."""
     outputs: Mapping[str, Any]
 
 

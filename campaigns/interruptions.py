@@ -34,7 +34,7 @@ class Tally:
     """Counts of a campaign, and what broke a promise."""
 
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """By verb and kind of point."""
+    """Number of points, by verb and kind of point."""
     failures: list[str] = field(default_factory=list)
 
     def count(self, verb: str, kind: str) -> None:
@@ -158,7 +158,7 @@ class Trials:
 
 
 def signal_problems(verb: str, ended: Ended, place: Path) -> Iterator[str]:
-    """What is wrong with the end of a command after a signal."""
+    """Tell faults of the end of a command after a signal."""
     if ended.hung:
         yield "it hangs"
     elif ended.code not in {0, *LEAVING}:

@@ -114,7 +114,7 @@ class Endured:
 
     @property
     def row(self) -> list[str | int | float]:
-        """Its line in the table of the campaign."""
+        """Row of the run in the table of the campaign."""
         figures = self.judged.figures
         return [
             str(self.run),

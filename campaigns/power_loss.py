@@ -50,7 +50,7 @@ def reported_step(marks: Sequence[str]) -> int | None:
 
 
 def problems_of(run: Path, reported: int | None, splats: bytes | None = None) -> Iterator[str]:
-    """What is wrong with the files of a run after a power loss.
+    """Tell faults of the files of a run after a power loss.
 
     Args:
         run: folder of the run; it need not be there.

@@ -81,7 +81,7 @@ class Races:
             return [end.result() for end in ends]
 
     def _after(self, work: Work, known: Undisturbed) -> Iterator[str]:
-        """What is wrong with the place after both, and the way to go on."""
+        """Tell faults of the place after both, and of the way to go on."""
         for _ in range(MOST_TRIES):
             ended = self.servers[0].run(work.going_on(self.place, self.inputs))
             if ended.code == 0:
@@ -99,7 +99,7 @@ def how(ends: Sequence[Ended]) -> str:
 
 
 def race_problems(ends: Sequence[Ended]) -> Iterator[str]:
-    """What is wrong with the ends of two commands."""
+    """Tell faults of the ends of two commands."""
     for end in ends:
         if end.hung:
             yield "one hangs"

@@ -42,10 +42,10 @@ _PROCESSES.set_forkserver_preload([
 
 @dataclass(frozen=True)
 class Ended:
-    """How a process ended."""
+    """The end of a process."""
 
     code: int | None
-    """Its exit code, negative for a signal; ``None`` if it had to be ended."""
+    """Exit code, negative for a signal; ``None`` if the process had to be ended."""
     out: str = ""
     err: str = ""
     peak_bytes: int = 0
@@ -68,7 +68,7 @@ class Judged:
     reason: str
     """The message of a run that was ended, what is broken, or the quality."""
     figures: Mapping[str, float] = field(default_factory=dict)
-    """Of metrics.json; of a completed run."""
+    """Figures of metrics.json, of a completed run."""
 
 
 def run_verb(

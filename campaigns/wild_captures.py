@@ -37,7 +37,7 @@ class Capture:
     focal: tuple[float, float]
     """Pixels."""
     times: tuple[float, ...] | None = None
-    """Of each view, in seconds."""
+    """Time of each view, in seconds."""
 
     def first(self, views: int) -> Capture:
         """The first views alone."""

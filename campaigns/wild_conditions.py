@@ -17,9 +17,9 @@ class Condition:
     """One thing that is wrong with a run."""
 
     name: str
-    """In words: "learning rates x100"."""
+    """Description in words: "learning rates x100"."""
     damage: Damage = lambda capture, _: capture
-    """Makes it wrong in the data."""
+    """Changes the capture."""
     rates: float = 1.0
     """Factor of all learning rates."""
     settings: Sequence[str] = ()

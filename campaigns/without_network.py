@@ -39,7 +39,7 @@ class Watched:
 
     code: int
     said: str
-    """Its output and its messages."""
+    """Output and messages of the command."""
     reached: tuple[str, ...]
     """Hosts beyond this machine that it tried to reach, or whose names it asked for."""
     open_to: tuple[str, ...]

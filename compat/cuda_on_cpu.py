@@ -118,7 +118,7 @@ def _type_on_cpu(value: Any) -> Any:  # noqa: ANN401 - any argument
 
 
 def _nothing(*_: object, **__: object) -> None:
-    """There is no GPU to do it on."""
+    """Do nothing: there is no GPU."""
 
 
 def _zero(*_: object, **__: object) -> int:

@@ -29,7 +29,7 @@ class Projected:
     splats: ScreenSplats
     radii: Int[Tensor, "m 2"]
     rows: Int[Tensor, " m"] | None
-    """Their places in the call; ``None`` for all."""
+    """Rows of the splats in the call; ``None`` for all."""
 
 
 def attach_absolute_gradient(

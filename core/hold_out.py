@@ -7,10 +7,10 @@ class HoldOutBy(Enum):
     """The rule that chooses the held-out images; see ``datamanagers/holdout.py``."""
 
     AUTO = "auto"
-    """By what kind of capture it is."""
+    """The rule that suits the kind of capture."""
     NAME = "name"
     """Every n-th by name."""
     SPREAD = "spread"
-    """As many, from all places and directions."""
+    """As many as by name, from all places and directions."""
     CAMERA = "camera"
     """Whole cameras."""

@@ -49,13 +49,13 @@ class MachineMemory:
     """The memory that one limit leaves to this process; in bytes."""
 
     allowed: int
-    """By the limit, to all processes below it."""
+    """Memory that the limit allows to all its processes together."""
     free: int
-    """That no process has."""
+    """Memory that no process has."""
     own: int = 0
-    """That this process has already."""
+    """Memory that this process has already."""
     swap: int = 0
-    """On disk, beyond that: a process that needs it goes on, many times slower."""
+    """Further memory on disk: a process that needs it goes on, many times slower."""
     limit: Limit = Limit.MACHINE
     processes: int = 1
     """Processes that grow alike: ``free`` and ``swap`` are the part of one of them."""

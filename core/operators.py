@@ -38,7 +38,7 @@ class Gate:
     """A network's head whose first output decides for each row if the other heads are needed."""
 
     head: int
-    """Its number."""
+    """Index of the head among those of the network."""
     least: Float[Tensor, " n"]
     """Other heads are 0 in rows where the output is below this; without a gradient."""
 

@@ -28,7 +28,7 @@ class StageTime:
     cpu_ms: float
     """Sum over all threads, in milliseconds."""
     wall_ms: float
-    """By the wall clock, in milliseconds."""
+    """Duration by the wall clock, in milliseconds."""
 
 
 class Rasterizer(ABC):

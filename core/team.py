@@ -41,9 +41,9 @@ class RenderedPart:
     """Rows of a model in one render: all of them, or a part of those of this process."""
 
     splats: Splats
-    """Their splats, attached to the graph."""
+    """Splats of the rows, attached to the graph."""
     statistics: RenderStatistics
-    """Their statistics; empty before the backward pass if other processes measure them."""
+    """Statistics of the rows; empty before the backward pass if other processes measure them."""
     share: float = 1.0
     """Fraction of all rows of the model."""
     shown: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -56,7 +56,7 @@ class Rendering:
 
     output: RenderOutput
     splats: Splats
-    """All splats; such that cannot be read if other processes have some of them."""
+    """All splats; they cannot be read if other processes have some of them."""
     parts: Sequence[RenderedPart]
 
 

@@ -27,7 +27,7 @@ class Capture:
     cameras: tuple[Cameras, ...]
     """One each (c = 1)."""
     world_from_scene: Similarity
-    """To the world as it was before any edit."""
+    """Similarity from the scene frame to the world as it was before any edit."""
     rasterizer: Rasterizer
     settings: RenderSettings
     device: torch.device

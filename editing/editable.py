@@ -142,7 +142,7 @@ class EditableSplats(Editable):
     """Splats of a file, or of a run at one time."""
 
     content: SplatFile
-    """In the world of now."""
+    """The splats, in the world of now."""
     open_capture: Callable[[], Capture]
     """Opens the capture; it may cost seconds, and is called only where an edit needs it."""
     moved: Similarity

@@ -26,7 +26,7 @@ class Step:
     name: str
     """Name of the operation."""
     text: str
-    """Its value as text."""
+    """Value of the setting, as text."""
     edit: Edit
 
     @staticmethod

@@ -82,7 +82,7 @@ class _Opened:
     """The nodes that may be opened, and the size above which they are."""
 
     def __init__(self, limits: Limits) -> None:
-        """There are none yet."""
+        """Begin with no nodes."""
         self.least = limits.pixels
         """Only larger nodes are opened; never decreases."""
         self._most = limits.most

@@ -224,7 +224,7 @@ def _by_number(name: str) -> list[tuple[int, str]]:
 
 
 def _all_times(rule: FilmRule) -> list[float]:
-    """From 0 to 1, both of them shown."""
+    """Times from 0 to 1, with both ends."""
     return [index / max(rule.count - 1, 1) for index in range(rule.count)]
 
 

@@ -33,7 +33,7 @@ class PictureStyle:
     """The look of every frame."""
 
     channels: tuple[Channel, ...]
-    """From left to right; none for the usual ones of what is rendered."""
+    """Channels from left to right; none for the usual ones of what is rendered."""
     colormap: str = ""
     """Colour map of all values; empty: that of each channel."""
     ends: tuple[float, float] | None = None

@@ -39,7 +39,7 @@ class RenderRequest:
     """Splits whose views are rendered."""
     film: FilmRule
     frame: FrameRule
-    """Its style may have no channels: views and films then have their usual ones."""
+    """Form of the frames; with a style without channels these have their usual ones."""
     background: str = ""
     """Colour behind the scene; empty: that of the training."""
     tracks: tuple[int, int] | None = None

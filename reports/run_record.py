@@ -39,7 +39,7 @@ class RunRecord:
     log: tuple[Mapping[str, Any], ...] = ()
     """Figures of the logged steps and of the evaluations, in order."""
     steps_done: int = 0
-    """By its log and its latest checkpoint."""
+    """Steps that are done, by the log and the latest checkpoint."""
     evaluated_step: int | None = None
     """Step of the latest evaluation; ``None`` if there is none."""
     evaluation: Mapping[str, Any] = field(default_factory=dict)

@@ -12,7 +12,7 @@ class Kind:
     """A kind of part; its name is that of its slot. Texts name the part "my-part"."""
 
     title: str
-    """As of a person: "data manager"."""
+    """Name in sentences: "data manager"."""
     summary: str
     """Description of the generated part, for lists of parts and for the package."""
     target: str

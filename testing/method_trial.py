@@ -63,7 +63,7 @@ class Halfway(Callback):
     """Keeps the splats that callbacks see at the first checkpoint."""
 
     splats: tuple[Mapping[str, object], ...] = ()
-    """Those of each of ``TIMES``."""
+    """Splats at each of ``TIMES``."""
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Keep the model."""

@@ -28,7 +28,7 @@ COUNT = 12
 OFFSET = (60.0, -20.0, 35.0)
 """The middle of the splats in the world, so that a file in another frame is noticed."""
 SIZE = 4.0
-"""Their unit in the world."""
+"""Length of a unit of the splats in the world."""
 
 
 def splat_file(count: int = COUNT, degree: int = 0) -> SplatFile:

@@ -19,7 +19,7 @@ BLACK: Color = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked of every trainer."""
+    """The training that every trainer is asked for."""
 
     capture: Path
     """Training views with a COLMAP model, at the size of training."""

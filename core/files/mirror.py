@@ -36,7 +36,7 @@ from gsfw.core.words import size
 IMAGES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".npy", ".npz")
 """Extensions of the files that are fetched on demand: images, and maps as arrays."""
 ARRAYS = (".npy", ".npz")
-"""Those among them that are always read whole."""
+"""Extensions of the images that are always read whole."""
 SINGLE_FILES = (".json", ".xml", ".csv")
 """Extensions of files that a data set may be named by; the folder around is the data set."""
 HEADS = (1 << 14, 1 << 17)

@@ -36,9 +36,9 @@ class RemoteFile:
     """A file of an address."""
 
     place: str
-    """Its full name, as the store wants it."""
+    """Full name of the file, as the store expects it."""
     size: int | None
-    """In bytes; ``None`` if the store does not say."""
+    """Size in bytes; ``None`` if the store does not say."""
     tag: str
     """Changes with the content, if the store says so much; else empty."""
 

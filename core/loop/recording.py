@@ -91,7 +91,7 @@ class CudaRecorder(Recorder):
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """On the stream of this recorder."""
+        """Run a block on the stream of this recorder."""
         outside = torch.cuda.current_stream(self._device)
         self._stream.wait_stream(outside)
         try:

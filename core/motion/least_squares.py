@@ -25,12 +25,12 @@ class Polynomials:
     """Polynomials of p pieces in a time of their own, (t - origin) / unit, which is near 1."""
 
     coefficients: Float[Tensor, "p powers d"]
-    """From power 0."""
+    """Coefficients of each power, from power 0."""
     origin: Float[Tensor, " p"]
     unit: Float[Tensor, " p"]
 
     def at(self, times: Float[Tensor, "p m"]) -> Float[Tensor, "p m d"]:
-        """Their values."""
+        """Values at times, for each piece."""
         own = ((times - self.origin[:, None]) / self.unit[:, None])[..., None]
         total = torch.zeros_like(own)
         for coefficient in reversed(self.coefficients.unbind(1)):
@@ -84,7 +84,7 @@ class Windows:
     """In [0, 1]."""
 
     def at(self, times: Float[Tensor, "p m"]) -> Float[Tensor, "p m"]:
-        """Their values."""
+        """Values at times, for each piece."""
         elapsed = (times - self.center[:, None]) / self.width[:, None]
         return self.peak[:, None] * torch.exp(-(elapsed**2))
 
@@ -101,14 +101,14 @@ class Windows:
         there: Bool[Tensor, "p m"],
         values: Float[Tensor, "p m"],
     ) -> Windows:
-        """These where they are as near to ``values`` or near enough, and others elsewhere."""
+        """These windows where their error is small, or no larger than that of ``others``."""
         error = self.error(times, there, values)
         return self.where(
             (error <= CONSTANT) | (error <= others.error(times, there, values)), others
         )
 
     def where(self, chosen: Bool[Tensor, " p"], others: Windows) -> Windows:
-        """These where chosen, and others elsewhere."""
+        """These windows where ``chosen``, and others elsewhere."""
         return Windows(
             torch.where(chosen, self.center, others.center),
             torch.where(chosen, self.width, others.width),

@@ -105,7 +105,7 @@ class RoundedModelSource(ExportSource):
     """A model for a file whose steps are given."""
 
     model: StoredModel
-    """With its pitches."""
+    """The model with its pitches."""
     weights: Float[Tensor, " n"] | None
 
     def stored_model(self) -> StoredModel:

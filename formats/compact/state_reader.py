@@ -70,7 +70,7 @@ class StateReader:
     """Reads the state of a model."""
 
     model: StoredModel
-    """Its columns and its number of rows."""
+    """Columns of the model, and their number of rows."""
     fields: JsonFields
     """The description of the state in the header."""
     rows: bytes

@@ -49,7 +49,7 @@ class Binning:
     projected: jobs.ProjectJob
     """The projected splats that are binned."""
     rows: Arrays
-    """Those of ``row_arrays``."""
+    """Arrays of ``row_arrays``."""
     row_ends: int | None
     """Address that takes the end of each splat's pairs, by row, if pairs are numbered."""
     max_pairs: int

@@ -25,7 +25,7 @@ class Rays:
     directions: Float[Tensor, "r 3"]
     """Unit vectors; 0 for pixels that see no direction (beyond 180 degrees of a fisheye)."""
     pixels: Float[Tensor, "r 2"]
-    """Their centres."""
+    """Centres of the pixels."""
     central: bool
     """True if rays begin at a centre; those of an orthographic camera reach back without end."""
     weights: Float[Tensor, "r 1"] | None = None

@@ -109,7 +109,7 @@ class _Curves:
     """Along each ray, each Gaussian as a normal curve."""
 
     met: Bool[Tensor, "r m"]
-    """Those that alone would be seen, by the cut-off of alpha that splatting has."""
+    """True where the Gaussian alone would be seen, by the cut-off of alpha that splatting has."""
     peaks: Float[Tensor, "r m"]
     deviations: Float[Tensor, "r m"]
     """Tau, in scene units."""
