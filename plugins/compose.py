@@ -253,7 +253,7 @@ def compose(
     device = find_device(settings.config.device)
     method = settings.config.build()
     check_built("method", settings.method, method, Method)
-    method.registered_as = registered_as("method", settings.method)
+    method.registered_as = registered_as(settings.method)
     data = open_data(settings) if data is None else data
     check_built("datamanager", settings.choices["datamanager"], data, DataManager)
     check_data(settings, registry, data, method)

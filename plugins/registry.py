@@ -51,9 +51,9 @@ class PartError(ConfigError):
         self.reason = reason
 
 
-def registered_as(slot: str, spec: Spec) -> str:
-    """A part in messages, with the package of a third party: "method 'mine' (gsfw-mine 0.1)"."""
-    name = f"{slot} {spec.name!r}"
+def registered_as(spec: Spec) -> str:
+    """A method in messages, with the package of a third party: "method 'mine' (gsfw-mine 0.1)"."""
+    name = f"method {spec.name!r}"
     return name if spec.distribution == PROJECT else f"{name} ({package(spec)})"
 
 
