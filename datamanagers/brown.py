@@ -85,7 +85,7 @@ def _quotient(lens: Lens, radial: Radial) -> tuple[list[float], list[float]]:
 def _fit(
     radii: Float64[np.ndarray, " m"], wanted: Float64[np.ndarray, " m"], terms: int
 ) -> tuple[Float64[np.ndarray, " 6"], float]:
-    """The coefficients with so many terms under the line, and by how much radii move, at most."""
+    """Fit a fraction with ``terms`` terms under the line, and the largest error of radii."""
     powers = radii[:, None] ** (2, 4, 6)
     # (1 + over) = wanted (1 + under) is linear in both; radii weigh by what they move.
     rows = np.concatenate([powers, -wanted[:, None] * powers[:, :terms]], axis=1) * radii[:, None]

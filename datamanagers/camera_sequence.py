@@ -212,7 +212,7 @@ class StandingCamera:
     sequence: CameraSequence
 
     def fitted(self) -> tuple[StandingCamera, str]:
-        """With its lens in pixels of its video, and a note where that took something.
+        """The camera with its lens in pixels of its video, and a note if either was changed.
 
         Raises:
             DataError: the video is not one of this lens.

@@ -20,7 +20,7 @@ class Shipment:
     """Tensors on their way to a device."""
 
     tensors: tuple[Tensor, ...]
-    """Not to be touched before ``Upload.receive`` has given them out."""
+    """Valid only after ``Upload.receive`` has returned them."""
     sent: torch.cuda.Event | None = None
     """Passes when they have arrived; ``None`` when they have already."""
 
@@ -114,7 +114,7 @@ class PlacedImage:
     """An image where it is used."""
 
     pixels: UInt8[Tensor, "h w d"]
-    """As ``DecodedImage`` has them."""
+    """The pixels of ``DecodedImage``."""
     mask: Bool[Tensor, "h w"] | None = None
     maps: Mapping[str, PlacedMap] = field(default_factory=dict)
 

@@ -52,7 +52,7 @@ class ImageCache:
         return started
 
     def halve(self) -> int:
-        """Keep half as many bytes as now; those that were used last stay. Returns those freed."""
+        """Halve the budget; images that were used last stay. Returns the number of freed bytes."""
         before = self._used
         self._budget = min(self._budget, before) // 2
         self._make_room(0)

@@ -121,7 +121,7 @@ class Loader:
         return self._there.get(number)
 
     def drop_images(self) -> int:
-        """Keep half as many in main memory from now on; returns the bytes that are free now."""
+        """Halve the budget of images in main memory; returns the number of freed bytes."""
         return self._cache.halve()
 
     def close(self) -> None:

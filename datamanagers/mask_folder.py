@@ -24,7 +24,7 @@ class MaskFolder:
 
     @cached_property
     def files(self) -> tuple[Path, ...]:
-        """Its images, relative to it, in subfolders as well; sorted."""
+        """Paths of its images and of those in subfolders, relative to the folder; sorted."""
         if not self.path.is_dir():
             return ()
         found = (file for file in self.path.rglob("*") if file.is_file())

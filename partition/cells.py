@@ -112,7 +112,7 @@ def _strips(items: Weighted, cell: Cell, axis: int, count: int) -> list[Cell]:
 
 
 def balanced(items: Weighted, count: int, cell: Cell | None = None) -> list[Cell]:
-    """So many cells of about equal work, split across their longer sides."""
+    """Divide a cell into ``count`` cells of about equal work, across the longer sides."""
     cell = cell or Cell()
     if count == 1:
         return [cell]

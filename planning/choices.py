@@ -61,7 +61,7 @@ NEEDED = {"strategy": Feature.WEIGHTED_CONTRIBUTION}
 
 
 def chosen(settings: Settings, updates: float, scene: Scene) -> dict[str, Any]:
-    """The settings to turn on in a run of so many updates.
+    """The settings to turn on in a run of ``updates`` updates.
 
     Points that have times say more of motion than a surface of one time, and are kept.
     """
@@ -101,7 +101,7 @@ def _camera_positions(scene: Scene) -> int:
 
 
 def _row(updates: float) -> Choice:
-    """The row of the table for so many updates."""
+    """The last row of the table that a run of ``updates`` updates reaches."""
     return max((row for row in CHOICES if row.updates <= updates), key=lambda row: row.updates)
 
 

@@ -42,7 +42,7 @@ def enough_steps(
 
 
 def _longer(decided: Mapping[str, Any], factor: float) -> dict[str, Any]:
-    """The decisions for as many updates, with a schedule that is longer by a factor."""
+    """The decisions for a schedule longer by ``factor``, with the same number of updates."""
     more = {key: math.ceil(factor * decided[key]) for key in COUNTED if key in decided}
     pace = {} if factor == 1 else {"pace": [str(Decision(0, round(factor * UNIT)))]}
     return {**decided, **more, **pace}

@@ -69,7 +69,7 @@ class Speed:
         return (limit - self.around(downscale)) / (self.mean_step * self.cost(downscale))
 
     def seconds(self, updates: float, downscale: float) -> float:
-        """Seconds of a run of so many updates."""
+        """Seconds of a run of ``updates`` updates."""
         return self.around(downscale) + updates * self.mean_step * self.cost(downscale)
 
     @property

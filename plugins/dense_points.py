@@ -59,7 +59,7 @@ class DenseStart:
     """The scene to start from, and what is to be said about it."""
 
     scene: Scene
-    """With the points that were found, or as it was."""
+    """The scene with the found points; unchanged if none were found."""
     notes: tuple[str, ...] = ()
 
 

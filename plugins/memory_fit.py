@@ -98,7 +98,7 @@ class MemoryFit:
         return replace(USUAL_ROW, rendered=USUAL_ROW.rendered * self._views)
 
     def need(self, gaussians: int, row: RowMemory) -> TrainingMemory:
-        """The main memory that a process takes with so many Gaussians.
+        """The main memory that a process with ``gaussians`` Gaussians takes.
 
         On a GPU these, and the images of a step, are in its own memory. Shards are each in a
         process of its own.
@@ -119,9 +119,9 @@ class MemoryFit:
         return row.shared(self._shards) if self._shards > 1 else row
 
     def rows_need(self, gaussians: int, row: RowMemory) -> float:
-        """Bytes that so many Gaussians take where they are, with all else that is there.
+        """Bytes of the memory that holds the Gaussians, with all else that is in it.
 
-        On a GPU these are their own alone, without the memory of rasterizers.
+        On a GPU these are the bytes of the Gaussians alone, without those of rasterizers.
         """
         if self.device.type == "cuda":
             return gaussians * self._share(row).peak

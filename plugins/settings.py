@@ -93,7 +93,7 @@ class Settings:
     given: tuple[str, ...] = ()
     """Keys that the user or a plan chose: the others follow from these."""
     planned: tuple[str, ...] = ()
-    """Those of them that a plan decided."""
+    """Keys in ``given`` that a plan chose."""
     preset: str = ""
     """The chosen preset, if any."""
     notes: tuple[str, ...] = ()

@@ -26,7 +26,7 @@ DIRECTED = 0.15
 which are smeared; the others have 0.17 to 0.78, and after a Gaussian blur of 2 pixels 0.23 to 0.71.
 Blurred along a line of 6 to 24 pixels, photos have 0.01 to 0.12."""
 BLOCK = 64
-"""Spectra are of square blocks of so many pixels, half of each shared with the next."""
+"""Side of the square blocks of a spectrum, in pixels; neighbouring blocks overlap by half."""
 DIRECTIONS = 12
 """Compared over half a circle."""
 SECTOR = 24

@@ -125,7 +125,7 @@ def _pixels_per_mm(tags: Mapping[int, Any]) -> float | None:
 
 
 def _text(value: object) -> str:
-    """Without what pads it to a fixed length."""
+    """The text without the padding to a fixed length; empty for other values."""
     return value.replace("\0", " ").strip() if isinstance(value, str) else ""
 
 

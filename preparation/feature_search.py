@@ -18,7 +18,7 @@ from gsfw.preparation.machines import Machines
 from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features, start_worker
 
 WORKER_SECONDS = 2.0
-"""For a process to start: work that takes less than twice that is done in this one."""
+"""Time for a process to start: work that takes less than twice as long is done in this one."""
 JOB_IMAGES = 32
 """Images of a job for each of its threads: 10 to 60 seconds, where starting a job takes a few."""
 

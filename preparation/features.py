@@ -45,7 +45,7 @@ to 1,160: without finer ones half of the points are found, and splats are worse.
 MEGAPIXEL_SECONDS, FINEST_SECONDS = 0.45, 0.75
 """Seconds of one core to find features on a million of the remaining pixels, and the finest."""
 MEGAPIXEL_FEATURES, FINEST_FEATURES = 2500.0, 3500.0
-"""As many are found there: 2,200 and 3,600 in photos of fox."""
+"""Features on a million of the remaining pixels, and the finest: in fox 2,200 and 3,600."""
 PROCESS_BYTES, DECODED_BYTES, SEARCHED_BYTES = 320e6, 6, 320
 """Memory of a process that looks for the finest features: its own, for each pixel of the file, and
 for each pixel that is left. Measured: 962 MB for 12 million pixels, 1150 MB for 48 million (both on
@@ -164,7 +164,7 @@ class FeatureSettings:
         )
 
     def _jobs(self, images: ImageSet, cores: int) -> int:
-        """As many processes as there are cores, images, and memory for all of them."""
+        """Number of processes that cores, images and free memory allow."""
         from gsfw.core.machine_memory import free_memory
 
         fitting = int(min(cores, free_memory() / self.process_bytes(images)))

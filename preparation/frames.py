@@ -28,7 +28,7 @@ def frames_of_videos(
     journal: Journal,
     say: Callable[[str], None],
 ) -> tuple[SourceImage, ...]:
-    """Take frames from videos, from each as many as it is long.
+    """Take frames from videos, in proportion to their durations.
 
     Args:
         paths: of the videos.

@@ -78,7 +78,7 @@ class ImageSet:
         return {image.name: image for image in self.images}
 
     def whole_shots(self, names: Collection[str]) -> set[str]:
-        """Those of some names whose shot is among them with all of its images."""
+        """The names whose shots are complete: all images of the shot are in ``names``."""
         others = {image.shot for image in self.images if image.name not in names}
         return {name for name in names if self.by_name[name].shot not in others}
 

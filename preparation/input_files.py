@@ -213,9 +213,9 @@ def _is_noise(name: str) -> bool:
 
 
 def writable(name: str) -> str:
-    """Without line ends and other control characters, bytes that are no text, and excess length.
+    """Remove control characters such as line ends, bytes that are no text, and excess length.
 
-    Some file systems allow them in names; no table and no list of names does.
+    Some file systems allow them in names; tables and lists of names do not.
     """
     text = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     text = "".join("_" if unicodedata.category(one) in UNSEEN else one for one in text)

@@ -17,7 +17,7 @@ from gsfw.preparation.panorama_views import DIRECTIONS
 from gsfw.preparation.retrieval import look_alikes
 
 Likeness = Mapping[str, Sequence[str]]
-"""For each image the others, the most alike first."""
+"""The images that look like each image, the most alike first."""
 BESIDE = 3
 """Frames of panoramas up to which all views of overlapping directions are compared; beyond, views
 of one direction are."""

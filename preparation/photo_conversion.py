@@ -49,7 +49,7 @@ class Converted:
     files: tuple[InputFile, ...]
     """All of them in order, converted ones in place of their originals."""
     damaged: tuple[LeftOut, ...] = ()
-    """Those that do not decode."""
+    """Files that do not decode."""
     notes: tuple[str, ...] = ()
     """Notes for the user; clauses without a period."""
 

@@ -38,7 +38,7 @@ class PreparationRule:
     """Number of cores. With one the same images give the same bits; with more, poses
     differ in their last digits."""
     machines: Machines | None = None
-    """Those of a cluster that find and match features; ``None`` if this one does."""
+    """Machines of a cluster that find and match features; ``None`` if this one does."""
 
     def check(self) -> None:
         """Check the values whose types and ranges do not say all.

@@ -158,7 +158,7 @@ def _looked_at(video: Video, count: int) -> range:
 
 
 def _small(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h2 w2"]:
-    """As small as the view is followed on, in levels of [0, 255]."""
+    """Shrink an image to the size at which the view is followed; levels in [0, 255]."""
     height, width = grey.shape
     scale = min(1.0, SIDE / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -227,7 +227,7 @@ def _notes_on_pixels(video: Video) -> Iterator[str]:
 
 
 def _notes_on_number(chosen: int, count: int, video: Video, path: ViewPath) -> list[str]:
-    """On why there are fewer than asked for."""
+    """Notes on why there are fewer frames than asked for."""
     moved = path.positions[-1] - NO_OVERLAP * len(path.jumps)
     frames = f"{chosen} frame{'s' * (chosen != 1)} chosen where {count} were asked for"
     if all(path.strange):
@@ -249,7 +249,7 @@ def _notes_on_number(chosen: int, count: int, video: Video, path: ViewPath) -> l
 
 
 def _notes_on_view(path: ViewPath, times: Float[np.ndarray, " n"]) -> list[str]:
-    """On cuts, and frames that were left out."""
+    """Notes on cuts, and on frames that were left out."""
     notes = []
     if len(path.jumps) > RESTLESS * len(times):
         notes.append(

@@ -270,7 +270,7 @@ class Session:
 
 
 def _splats_have(count: int) -> str:
-    """The subject and the verb of a sentence on so many splats."""
+    """The subject and the verb of a sentence on ``count`` splats."""
     return "1 splat has" if count == 1 else f"{count:,} splats have"
 
 
@@ -286,5 +286,5 @@ class _EditedModel(ExportSource):
         return self.stored
 
     def contributions(self) -> Float[Tensor, " n"] | None:
-        """Those of the edited rows to the training views, which moved with the world."""
+        """Contributions of the edited rows to the training views, which moved with the world."""
         return self.run.contributions()

@@ -40,9 +40,9 @@ class OpenedRun:
     model: PrimitiveModel
     """The model, with the state of the checkpoint."""
     rasterizer: Rasterizer
-    """That of the run, or the one that fits ``device``."""
+    """The rasterizer of the run, or the one that fits ``device``."""
     render_settings: RenderSettings
-    """Those of an evaluation of the run, with its background."""
+    """Settings of an evaluation of the run, with its background."""
     device: torch.device
     """Device of the model, for ``data.load`` and cameras."""
 

@@ -146,5 +146,5 @@ def _write_text(model: ColmapModel, folder: Path) -> None:
 
 
 def _numbers(values: tuple[float, ...] | list[float]) -> str:
-    """With all digits that tell one number from another."""
+    """Write numbers with all the digits that distinguish them from others."""
     return " ".join(map(repr, values))

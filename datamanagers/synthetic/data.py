@@ -33,7 +33,7 @@ class SurfacePoints:
     world: Float64[Tensor, "p 3"]
     """Positions at the time of the view that saw them."""
     colors: Float[Tensor, "p 3"]
-    """As that view saw them."""
+    """Colours that this view saw."""
     times: Float[Tensor, " p"]
     """Time of that view."""
 

@@ -118,7 +118,7 @@ class SyntheticScene:
 
     @cached_property
     def placed(self) -> list[tuple[int, Solid, Pose]]:
-        """Those that are there, with their index and pose."""
+        """The solids that are present at the time, each with its index and pose."""
         return [
             (index, solid, solid.motion(self.time))
             for index, solid in enumerate(self.solids)

@@ -29,7 +29,7 @@ class Marks:
     solid: Int[Tensor, " p"]
     """Index of the solid."""
     own: Float64[Tensor, "p 3"]
-    """In that solid's own coordinates."""
+    """Positions in the coordinates of that solid."""
 
     def tracks(self, solids: Sequence[Solid], times: Sequence[float]) -> Tracks:
         """The true paths, in the world of the built-in scene."""

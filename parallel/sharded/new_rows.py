@@ -15,7 +15,7 @@ from gsfw.core.model import Children
 
 @dataclass(frozen=True, eq=False)
 class NewRows(Mapping[str, Rows]):
-    """Those of ``count`` new rows that this process has made.
+    """The part of ``count`` new rows that this process has made.
 
     Refiners hand them from the model to the table, which brings each to its place.
     """

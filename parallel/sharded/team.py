@@ -242,7 +242,7 @@ class GaussianParallel(ParallelTeam):
             start += size
 
     def _of_all_rows(self, own: Sequence[RenderStatistics]) -> list[RenderStatistics]:
-        """For each render of a step: the statistics of all rows, from those of this process.
+        """Exchange statistics, so that each render of a step has those of all rows.
 
         Only rows that a view has seen are sent: bytes do not grow with the scene.
         """

@@ -15,7 +15,8 @@ from gsfw.preparation.check.up_axis import up_axis
 from gsfw.preparation.finding import Finding, Weight
 
 FEWEST_VIEWS = 3
-"""With two views every point on a ray that both see fits as well; nothing is redundant."""
+"""Smallest number of views that determines depth redundantly: with two, nothing contradicts a wrong
+depth."""
 FEW_VIEWS = 20
 """The shared sets that train well have 40 and more; nine (garden_robot_mv) show seams between."""
 FLAT, LINE = 1.5, 5.0
@@ -29,10 +30,10 @@ FAR_NEIGHBOR = 30.0
 """Degrees to the nearest view of the same: about where SIFT stops finding its features again, and
 twice what the shared sets that train well have as their median (4 to 16)."""
 FAR_HELD_OUT = 2.0
-"""Held-out views are far from trained ones if that angle is so many times what trained views
-have between them."""
+"""Held-out views are far from trained ones if that angle is this multiple of the angle between
+trained views."""
 HELD_OUT_FROM = 5.0
-"""Below so many degrees held-out views are near whatever trained ones have between them."""
+"""Angle in degrees below which held-out views are near, even if trained views are nearer."""
 OPEN_SIDE = 120.0
 """Degrees without a camera around what is looked at: a third of the sides was never seen."""
 

@@ -26,7 +26,7 @@ class Contradictions:
     """Views whose cameras do not go with their images."""
 
     views: Int[np.ndarray, " k"]
-    """Those that contradict nearly all images that they share matches with."""
+    """Views that contradict nearly all images that they share matches with."""
     partners: tuple[tuple[int, ...], ...]
     """Views that each shares most matches with, the first of them."""
     judged: int

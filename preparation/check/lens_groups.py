@@ -20,7 +20,7 @@ from gsfw.preparation.exif import Exif, read_exif
 ROUND = 0.02
 """Sides of images of one lens may differ by this part: undistortion cuts each differently."""
 MANY = 4
-"""Images for each focal length, from which on these are of so many lenses."""
+"""Images per focal length, from which on each is that of a lens, or of a setting of a zoom."""
 FEWEST = 3
 """Images of a group below which nothing is said of it."""
 

@@ -106,7 +106,7 @@ class MapView:
 
 
 def map_views(survey: Survey) -> tuple[MapView, MapView, str]:
-    """From above, from the side, and how up was found."""
+    """Maps from above and from the side, and a sentence on how the up axis was found."""
     viewpoints = survey.viewpoints
     up, how = up_axis(survey.scene, viewpoints)
     centers = viewpoints.centers[viewpoints.places]

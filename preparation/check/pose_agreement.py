@@ -122,7 +122,7 @@ def _rays(
 def _relative(
     rig: Rig, first: np.ndarray, second: np.ndarray
 ) -> tuple[Float[np.ndarray, "m 3 3"], Float[np.ndarray, "m 3"]]:
-    """From the axes of the first camera to those of the second."""
+    """Rotations and translations from the axes of the first camera to those of the second."""
     turns = np.einsum("mij,mkj->mik", rig.rotations[second], rig.rotations[first])
     shifts = rig.translations[second] - np.einsum("mij,mj->mi", turns, rig.translations[first])
     return turns, shifts

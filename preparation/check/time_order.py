@@ -16,7 +16,7 @@ from gsfw.preparation.check.viewpoints import Viewpoints
 IMAGES = 24
 """Images of one camera that are compared, at times that follow each other."""
 FEWEST = 8
-"""Below so many nothing is said: some order of few images is always smooth."""
+"""Smallest number of images that is judged: some order of few images is always smooth."""
 SIDE = 96
 """Longer side of the images when they are compared: what moves by a pixel hardly counts."""
 JUMPS, SMOOTH = 0.85, 0.65

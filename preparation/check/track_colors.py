@@ -28,7 +28,7 @@ SIGMA = 1.5
 """Size of the Gaussian in pixels of the image that shows the surface coarsest: COLMAP keeps matches
 up to 4 pixels off, and the usual ones are off by 1."""
 REACH, STEPS = 2.5, 9
-"""The patch goes so many standard deviations to each side, in so many samples."""
+"""Half the side of the patch in standard deviations, and the samples along its side."""
 SHOWN = 0.99
 """Part of the patch that has to lie in the image, and to count there."""
 MIN_VIEWS = 8

@@ -92,7 +92,7 @@ def _lines(
     weights: Float[np.ndarray, " o"],
     count: int,
 ) -> tuple[Float[np.ndarray, " v"], Float[np.ndarray, " v"]]:
-    """For each view the line from means to values, by weighted least squares."""
+    """Fit a line from means to values for each view, by weighted least squares."""
     total, x, y, xx, xy = (
         np.bincount(views, weights * part, minlength=count)
         for part in (np.ones_like(means), means, values, means * means, means * values)

@@ -53,7 +53,7 @@ class ViewDependence:
     deviation: Float[np.ndarray, " p"]
     """The same less what exposure explains."""
     misplaced: Float[np.ndarray, " p"]
-    """As much of it comes from the point being off by its reprojection error."""
+    """Standard deviation that the point's reprojection error explains."""
 
     @staticmethod
     def of(colors: TrackColors) -> ViewDependence | None:

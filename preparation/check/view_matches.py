@@ -20,7 +20,7 @@ from gsfw.preparation.native import load_colmap
 from gsfw.preparation.sift import ERRORS, sift
 
 FEATURES = 400
-"""Features of an image: a preview of 400 pixels has about so many that come back."""
+"""Features of an image: a preview of 400 pixels has about 400 that other images show, too."""
 MOST = 60
 """Largest number of images, spread evenly over the sample: each pair takes 3 ms."""
 RATIO = 0.8

@@ -21,7 +21,7 @@ SAME_POSE = 1e-5
 POINTS = 2000
 """Number of points that are projected into every place, spread evenly over all."""
 ANGLE_POINTS, ANGLE_PLACES = 300, 200
-"""Angles are computed at so many points between so many places: every point takes all pairs."""
+"""Points and places, at most, that angles are computed for: each point takes all pairs."""
 OVERLAP = 0.2
 """Views are neighbours if they share this part of what one of them sees: with less, hardly any
 part of an image is constrained by the other."""
@@ -190,7 +190,7 @@ class Angles:
     """Angles, in degrees, at which views see the same points."""
 
     nearest: Float[np.ndarray, " s"]
-    """From each place to the trained place nearest in angle that shows the same; NaN without."""
+    """Angle from each place to the nearest trained place that shows the same; NaN without one."""
     widest: float
     """Median over points of the largest angle between trained places that see it; 0 without."""
     places: tuple[int, ...]
@@ -198,7 +198,7 @@ class Angles:
 
     @staticmethod
     def of(surface: Surface, viewpoints: Viewpoints) -> Angles:
-        """Between all places, or as many spread evenly."""
+        """Measure the angles between all places, or ``ANGLE_PLACES`` of them, spread evenly."""
         count = len(viewpoints.places)
         chosen = np.unique(np.linspace(0, count - 1, min(count, ANGLE_PLACES)).astype(int))
         places = viewpoints.places[chosen]

@@ -24,7 +24,7 @@ LARGE_ERROR = 1.5
 """Pixels, mean: fox has 0.7; lenses that a model does not fit and rolling shutters make 2 and more,
 up to the 4 at which COLMAP drops observations."""
 BAD_IMAGE, BAD_ERROR = 2.0, 1.5
-"""An image fits badly from so many usual errors and pixels on."""
+"""Errors from which on an image fits badly: in usual errors, and in pixels."""
 SHORT_TRACK = 3.0
 """Images that see a point, mean: two that see a point agree on it whatever their poses are."""
 SURE = 3

@@ -109,5 +109,5 @@ class Evidence:
 
     @cached_property
     def bridges(self) -> tuple[Bridge, ...]:
-        """Between these."""
+        """Bridges between the components."""
         return self.graph.bridges(self.components)

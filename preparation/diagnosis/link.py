@@ -93,7 +93,7 @@ class FeaturePlaces:
         )
 
     def _to_pixels(self, name: str) -> Float[np.ndarray, "3 3"]:
-        """From places around the centre of an image, in longer sides, to pixels."""
+        """The matrix from offsets from an image's centre, in longer sides, to pixels."""
         width, height = self._sizes[name]
         side = max(width, height)
         return np.array([[side, 0, width / 2], [0, side, height / 2], [0, 0, 1]])

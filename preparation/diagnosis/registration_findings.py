@@ -24,7 +24,7 @@ FEWEST = 3
 MANY = 0.1
 """Part of the images, or of the files, that is missed."""
 SHOWN = 3
-"""So many bridges and reasons are told in a sentence."""
+"""Largest number of bridges or reasons in a sentence."""
 
 
 def registration_findings(evidence: Evidence) -> Iterator[Finding]:

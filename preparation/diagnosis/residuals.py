@@ -29,7 +29,7 @@ SUSPICIOUS_PIXELS = 0.3
 noise 0.5 and 1 pixel): 0.05 to 0.15 without motion, 0.35 to 0.41 where the camera turns by 0.05
 degrees while rows are read, 1.3 by 0.2 degrees; 0.10 on 50 photos of a phone that stood still."""
 SUSPICIOUS_NOISE = 0.35
-"""In parts of ``Stretch.noise``, the least effect that counts however many matches there are:
+"""Least effect that counts with any number of matches, in parts of ``Stretch.noise``:
 errors that matches have in common stretch images by a part of the noise, at any size. Measured on
 24 photos each of fox and plush at 200, 320 and 640 pixels: 0.14 to 0.21, with ratios up to 6.5. It
 decides where the longer side is below 1200 times the noise, as 500 pixels at a noise of 0.42."""

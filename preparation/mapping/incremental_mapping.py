@@ -47,7 +47,7 @@ class Strictness:
     image_points: int
     """Least number of the model's points that an image must see to be added."""
     image_share: float
-    """And so large a share of its matches must agree."""
+    """Least share of the image's matches that must agree with its pose."""
 
 
 USUAL = Strictness(100, 16.0, 0.95, 30, 0.25)
@@ -103,7 +103,7 @@ def run_incremental(
 
 
 def _counter(registered: Callable[[int], None]) -> Callable[[int], Callable[[], None]]:
-    """Makes callbacks that add so many images to one count, and tell it."""
+    """Make callbacks that each add a number of images to one count, and report the count."""
     counts = [0]
 
     def count(images: int) -> Callable[[], None]:

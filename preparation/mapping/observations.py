@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Integers = Int64[np.ndarray, " o"]
 """One for each observation."""
 COMMON_POINTS = 30
-"""Two images that see fewer points together do not hold each other: as many as COLMAP wants of a
+"""Two images that share fewer points do not fix each other's poses: COLMAP's least number for an
 image that it adds. In three global mappings of 12 and 24 of the fox photos that went wrong, this
 found the wrong ones in two; in one, wrong groups shared more."""
 

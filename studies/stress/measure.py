@@ -59,7 +59,7 @@ class Oracle:
 
         Args:
             reference: draws in both types.
-            keep: so many of its latest drawings are kept for the next backend.
+            keep: number of its latest drawings that are kept for the next backend.
         """
         self._reference, self._keep = reference, keep
         self._drawn: dict[Key, Drawn] = {}
@@ -67,7 +67,7 @@ class Oracle:
     def expected(
         self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
     ) -> Drawn:
-        """In float64; the truth of a case that has one of its own.
+        """Draw the reference in float64, or take the truth of a case that has its own.
 
         Args:
             case: the case.
@@ -80,13 +80,13 @@ class Oracle:
     def plain(
         self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
     ) -> Drawn:
-        """In float32, which tells how well a case is conditioned."""
+        """Draw the reference in float32, which tells how well a case is conditioned."""
         return self._draw(case, profile, "float32", case.make, less)
 
     def nudged(
         self, case: StressCase, profile: NumericsProfile, less: frozenset[Feature] = ALL
     ) -> list[Drawn]:
-        """In float64, for inputs off by some roundings: how far any other order of sums may be.
+        """Draw in float64 for inputs off by some roundings, as other orders of sums may be.
 
         Positions are moved by the pose alone, all together, so that equal depths stay equal.
         """
