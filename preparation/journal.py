@@ -104,6 +104,15 @@ def identity_of(path: Path) -> list[Any]:
     return [str(path.resolve()), status.st_size, status.st_mtime_ns]
 
 
+def short_key(identity: list[Any]) -> str:
+    """A name, unique in practice, for files made of a file: 24 hexadecimal digits.
+
+    Args:
+        identity: ``identity_of`` the file, and all else that the made files depend on.
+    """
+    return hashlib.blake2b(repr(identity).encode(), digest_size=12).hexdigest()
+
+
 def _read(path: Path) -> dict[str, Document]:
     """The stages of a file that are whole."""
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,7 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.foreign_formats import STITCH
 from gsfw.preparation.image_file import unique_names
 from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage, ViewOfPanorama
-from gsfw.preparation.journal import identity_of
+from gsfw.preparation.journal import identity_of, short_key
 from gsfw.preparation.panorama import Kind, Look, look_at, said_kind
 from gsfw.preparation.panorama_masks import PanoramaMasks, cut_masks
 from gsfw.preparation.panorama_views import (
@@ -269,8 +268,7 @@ def _write_all(
 
 
 def _files(panorama: SourceImage, rule: PanoramaRule, folder: Path) -> list[Path]:
-    identity = repr([VERSION, *identity_of(panorama.path)]).encode()
-    key = hashlib.blake2b(identity, digest_size=12).hexdigest()
+    key = short_key([VERSION, *identity_of(panorama.path)])
     suffix = _suffix(panorama)
     return [folder / f"{key}_{one.name}{suffix}" for one in DIRECTIONS[: rule.count]]
 

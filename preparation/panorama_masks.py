@@ -5,7 +5,6 @@ The camera's operator is at the same place in all panoramas of a walk, so that o
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from gsfw.datamanagers.mask_folder import MaskFolder, stem_of
 from gsfw.datamanagers.masks import FOLDER, NONE, Folders
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.input_files import IMAGE_FOLDERS
-from gsfw.preparation.journal import identity_of
+from gsfw.preparation.journal import identity_of, short_key
 from gsfw.preparation.panorama_views import DIRECTIONS, cut_mask, has_proportions, view_side
 from gsfw.preparation.writing.image_output import encoded_mask
 
@@ -157,8 +156,7 @@ def cut_masks(
 
 def _files(panorama: SourceImage, mask: Path, count: int, folder: Path) -> list[Path]:
     header = panorama.header
-    identity = repr([VERSION, *identity_of(mask), header.width, header.height]).encode()
-    key = hashlib.blake2b(identity, digest_size=12).hexdigest()
+    key = short_key([VERSION, *identity_of(mask), header.width, header.height])
     return [folder / f"{key}_{one.name}_mask.png" for one in DIRECTIONS[:count]]
 
 

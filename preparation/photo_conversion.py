@@ -6,7 +6,6 @@ advice.
 
 from __future__ import annotations
 
-import hashlib
 import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -29,7 +28,7 @@ from gsfw.datamanagers.images import EXTENSIONS, Header
 from gsfw.preparation.foreign_formats import AVIF, BRANDS, HEAD, HEIC, ForeignFormat
 from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.input_files import InputFile, shot
-from gsfw.preparation.journal import identity_of
+from gsfw.preparation.journal import identity_of, short_key
 from gsfw.preparation.video_frames import JPEG_QUALITY
 from gsfw.preparation.writing.image_output import encoded, exif_of
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
@@ -123,8 +122,7 @@ def _format(path: Path) -> ForeignFormat | None:
 
 def _place(file: InputFile, folder: Path) -> Path:
     """The JPEG file of a photo."""
-    key = hashlib.blake2b(repr(identity_of(file.path)).encode(), digest_size=12).hexdigest()
-    return folder / f"{key}.jpg"
+    return folder / f"{short_key(identity_of(file.path))}.jpg"
 
 
 def _workers(files: Sequence[InputFile], kinds: Mapping[InputFile, ForeignFormat]) -> int:
