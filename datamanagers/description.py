@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from gsfw.core.cameras import CameraModel, Cameras
@@ -24,8 +24,8 @@ def describe_data(manager: DataManager) -> dict[str, Any]:
     return {
         "views_train": len(cameras[Split.TRAIN]),
         "views_eval": len(cameras[Split.EVAL]),
-        "image_sizes": _counted([f"{camera.width}x{camera.height}" for camera in every]),
-        "camera_models": _counted([camera.model.value for camera in every]),
+        "image_sizes": with_counts(f"{camera.width}x{camera.height}" for camera in every),
+        "camera_models": with_counts(camera.model.value for camera in every),
         "field_of_view": _fields_of_view(every),
         "alpha": scene.has_alpha,
         "points": len(scene.points),
@@ -37,7 +37,7 @@ def describe_data(manager: DataManager) -> dict[str, Any]:
     }
 
 
-def _counted(texts: Sequence[str]) -> list[str]:
+def with_counts(texts: Iterable[str]) -> list[str]:
     """The different texts with their counts, the most frequent first."""
     return [f"{text} ({count})" for text, count in Counter(texts).most_common()]
 

@@ -70,7 +70,7 @@ class LlffConfig(ImageFolderConfig):
     @classmethod
     def detect(cls, path: Path) -> Detection:
         """A folder with poses_bounds.npy and a folder of images."""
-        folder = _root(path)
+        folder = root_of(path)
         images = _folders(folder) if (folder / FILE).is_file() else {}
         if not images:
             return Detection(False, LOOKED_FOR)
@@ -80,7 +80,7 @@ class LlffConfig(ImageFolderConfig):
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the poses and the headers of the images that fit ``downscale``."""
-        root = _root(path)
+        root = root_of(path)
         shrunk, images = self._choose(root, downscale)
         return self._recording(root, images, shrunk)
 
@@ -138,7 +138,8 @@ class LlffConfig(ImageFolderConfig):
         )
 
 
-def _root(path: Path) -> Path:
+def root_of(path: Path) -> Path:
+    """The folder of a data set, which a path names by itself or by its poses_bounds.npy."""
     return path.parent if path.name == FILE else path
 
 

@@ -13,7 +13,7 @@ from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.camera_sequence import CameraSequence, StandingCamera, find_sequences
 from gsfw.datamanagers.frames import Recording, no_points
-from gsfw.datamanagers.llff import FILE, read_rows, row_camera
+from gsfw.datamanagers.llff import FILE, read_rows, root_of, row_camera
 from gsfw.datamanagers.multi_camera import MultiCameraConfig
 from gsfw.datamanagers.point_file import Points, read_points
 
@@ -37,7 +37,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
     @classmethod
     def detect(cls, path: Path) -> Detection:
         """A folder with poses_bounds.npy and a video or folder for each camera."""
-        folder = _folder(path)
+        folder = root_of(path)
         cameras = find_sequences(folder, "cam") if (folder / FILE).is_file() else {}
         if not cameras:
             return Detection(False, LOOKED_FOR)
@@ -45,7 +45,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the poses and the headers of videos and images."""
-        folder = _folder(path)
+        folder = root_of(path)
         found = find_sequences(folder, "cam")
         table = read_rows(folder / FILE)
         if len(found) != len(table):
@@ -63,10 +63,6 @@ class Neural3DVideoConfig(MultiCameraConfig):
         ]
         notes = [f"{folder / FILE}: {len(cameras)} cameras"]
         return self.recording_of(cameras, folder, notes, 1, _points(folder))
-
-
-def _folder(path: Path) -> Path:
-    return path.parent if path.name == FILE else path
 
 
 def _points(folder: Path) -> tuple[Points, str]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.description import with_counts
 from gsfw.preparation.check.examination import Examination
 from gsfw.preparation.check.plan import Plan, plain_background
 from gsfw.preparation.check.survey import Survey
@@ -52,8 +52,8 @@ def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
         "views_eval": int((~viewpoints.trained).sum()),
         "places": len(viewpoints.places),
         "cameras": len(np.unique(viewpoints.physical)),
-        "image_sizes": _counted(f"{width}x{height}" for width, height in viewpoints.sizes),
-        "camera_models": _counted(camera.model.value for camera in viewpoints.cameras),
+        "image_sizes": with_counts(f"{width}x{height}" for width, height in viewpoints.sizes),
+        "camera_models": with_counts(camera.model.value for camera in viewpoints.cameras),
         "field_of_view": _range(viewpoints.fields_of_view),
         "points": len(scene.points),
         "visible_share": _visible_share(survey),
@@ -92,10 +92,6 @@ def _times(survey: Survey) -> dict[str, Any]:
         "cameras_at_each_time": cameras_at_times(survey.viewpoints),
         "still_share": None if share is None else round(share, 3),
     }
-
-
-def _counted(texts: Iterable[str]) -> list[str]:
-    return [f"{text} ({count})" for text, count in Counter(texts).most_common()]
 
 
 def _range(values: np.ndarray) -> list[float]:
