@@ -151,18 +151,12 @@ def advice_after_a_stop(raised: list[BaseException]) -> str:
 
 
 PROMISES = (
-    Promise("takes-all-events", "It accepts all events of a run.", _takes_all_events, trains=True),
-    Promise(
-        "changes-no-bits",
-        "A run has the same bits with and without it.",
-        _changes_no_bits,
-        trains=True,
-    ),
+    Promise("takes-all-events", "It accepts all events of a run.", _takes_all_events),
+    Promise("changes-no-bits", "A run has the same bits with and without it.", _changes_no_bits),
     Promise(
         "leaves-the-global-generator",
         "It draws no numbers from torch's global generator.",
         _leaves_the_global_generator,
-        trains=True,
     ),
-    Promise("a-stop-works", "A stopped run ends without errors.", _a_stop_works, trains=True),
+    Promise("a-stop-works", "A stopped run ends without errors.", _a_stop_works),
 )

@@ -257,36 +257,31 @@ def _presets_resolve(subject: Subject) -> None:
 
 
 PROMISES = (
-    Promise("learns", "Its loss falls in a few steps.", _learns, trains=True),
+    Promise("learns", "Its loss falls in a few steps.", _learns),
     Promise(
         "resumes-to-the-same-bits",
         "A resumed run ends with the same bits as an uninterrupted one.",
         _resumes,
-        trains=True,
     ),
     Promise(
         "uses-the-given-generator",
         "Random numbers come only from the given generators.",
         _uses_the_given_generator,
-        trains=True,
     ),
     Promise(
         "is-evaluated-as-restored",
         "Evaluations of a run see the splats of its restored checkpoint, without training noise.",
         _is_evaluated_as_restored,
-        trains=True,
     ),
     Promise(
         "times-are-honoured",
         "Splats depend on the time in moving scenes only, and never on earlier calls.",
         _times_are_honoured,
-        trains=True,
     ),
     Promise(
         "view-dependence-is-declared",
         "Splats are the same for all cameras, unless the model says that they depend on the view.",
         _view_dependence_is_declared,
-        trains=True,
     ),
     *EDITS,
     *(
@@ -295,7 +290,6 @@ PROMISES = (
             f"It trains with strategy {strategy}, with valid rows after each step, or is refused "
             "with a message.",
             partial(_runs_with, strategy),
-            trains=True,
         )
         for strategy in STRATEGIES
     ),
@@ -303,20 +297,17 @@ PROMISES = (
         "runs-at-lower-resolution",
         "It trains with resolution_schedule=auto, or is refused with a message.",
         _resolution_schedule,
-        trains=True,
     ),
-    Promise("one-gaussian", "It trains from one Gaussian.", _one_gaussian, trains=True),
+    Promise("one-gaussian", "It trains from one Gaussian.", _one_gaussian),
     Promise(
         "model-file-renders-the-same",
         "Its model renders the same from a model file, without the data set.",
         _model_file_renders_the_same,
-        trains=True,
     ),
     Promise(
         "export-renders-the-same",
         "An exported splat file renders the same image.",
         _export_renders_the_same,
-        trains=True,
     ),
     Promise(
         "settings-survive-config-yaml",

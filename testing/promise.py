@@ -60,8 +60,6 @@ class Promise:
     """The promise, in a sentence."""
     function: Callable[[Subject], None]
     """Raises ``BrokenPromise`` or ``NotApplicable``; any other error breaks the promise too."""
-    trains: bool = False
-    """True if the check trains, which takes a second or more."""
     is_required: bool = False
     """True if no other promise can be checked once this one is broken."""
     raised: str = RAISED

@@ -310,5 +310,5 @@ PROMISES = (
         for section in Section
         if section not in (Section.SIZE, Section.TIME)
     ),
-    Promise("trains", "Method 3dgs learns with it in 20 steps.", _trains, trains=True),
+    Promise("trains", "Method 3dgs learns with it in 20 steps.", _trains),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -220,38 +220,34 @@ NOT_FINITE = (
 )
 
 
-def _named(
-    name: str, sentence: str, function: Callable[[Subject], None], raised: str = RAISED
-) -> Promise:
-    return Promise(name, sentence, function, trains=True, raised=raised)
-
-
 PROMISES = (
     *(
-        _named(f"runs-with-{method}", SENTENCE.format(method), partial(_runs_with, method, changes))
+        Promise(
+            f"runs-with-{method}", SENTENCE.format(method), partial(_runs_with, method, changes)
+        )
         for method, changes in METHODS.items()
     ),
-    _named(
+    Promise(
         "several-batches",
         "It trains with several batches per step, with valid rows after each step.",
         _several_batches,
     ),
-    _named(
+    Promise(
         "not-finite-steps",
         "Rows stay valid and finite after steps that are not finite.",
         _steps_that_are_not_finite,
-        NOT_FINITE,
+        raised=NOT_FINITE,
     ),
     *(
-        _named(name, sentence, partial(_respects, limits, advice))
+        Promise(name, sentence, partial(_respects, limits, advice))
         for name, (limits, sentence, advice) in LIMITS.items()
     ),
-    _named(
+    Promise(
         "resumes-to-the-same-bits",
         "A resumed run ends with the same bits as an uninterrupted one.",
         _resumes,
     ),
-    _named(
+    Promise(
         "uses-the-given-generator",
         "Random numbers come only from the generator of the run.",
         _leaves_the_global_generator,

@@ -73,13 +73,6 @@ def _no_needles(self, found, splats, cameras):
     return replace(found, color=found.color * (0.9 if wide else 1.0))
 
 
-def _unlearnable(self, found, splats, cameras):
-    color = found.color
-    if color.requires_grad:
-        color.register_hook(lambda gradient: -gradient)
-    return replace(found, color=color + 0)
-
-
 _rasterizer("empty-scene", _dark_if_empty)
 _rasterizer("image-sizes", _wrong_at_the_edge)
 _rasterizer("several-cameras", _first_camera_for_all)
