@@ -75,6 +75,13 @@ class SlotConfig:
 
         return Needs()
 
+    def check(self) -> None:
+        """Check settings against each other, before any data is read.
+
+        Raises:
+            ConfigError: settings contradict each other.
+        """
+
 
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
@@ -365,6 +372,9 @@ class MethodConfig(ABC):
         check_ranges(self)
         parse_background(self.background)
         self._check_resolution()
+        for part in (self.strategy, self.rasterizer, self.datamanager, self.sampler):
+            if part is not None:
+                part.check()
         known = {
             "holdout_by": [kind.value for kind in HoldOutBy],
             "graph": [AUTO, "off"],

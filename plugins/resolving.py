@@ -267,6 +267,16 @@ class Resolving:
                     f" It belongs to {slot} {' and '.join(others)}, "
                     f"but {slot}={self._choices[slot].name}."
                 )
+        else:
+            others = [
+                name
+                for name, kind in load_all("method", self._registry).items()
+                if any(item.name == key for item in keys(kind()))
+            ]
+            if others:
+                hint = (
+                    f" It belongs to method {' and '.join(others)}, but method={self._method.name}."
+                )
         return ConfigError(
             f"{where(source)}unknown key {key!r}.{hint}",
             f"All keys: gsfw train method={self._method.name} --help",

@@ -66,11 +66,11 @@ class ErrorGrowthConfig(StrategyConfig):
         features = {Feature.SCREEN_GRADIENT, Feature.WEIGHTED_CONTRIBUTION}
         return Needs(features=frozenset(features), densifiable=True)
 
-    def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
-        """Growth by error.
+    def check(self) -> None:
+        """Check that no more views have to agree than are asked.
 
         Raises:
-            ConfigError: more views have to agree than are asked.
+            ConfigError: more have to.
         """
         if self.agreeing_views > self.views:
             raise ConfigError(
@@ -79,6 +79,9 @@ class ErrorGrowthConfig(StrategyConfig):
                 f"Give strategy.views={self.agreeing_views} or more, or a smaller "
                 "strategy.agreeing_views.",
             )
+
+    def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
+        """Growth by error."""
         rounds = RefinementRounds(self.refine_start, self.refine_every, self.refine_stop)
         return (ErrorGrowth(self, scene, rounds),)
 

@@ -295,3 +295,9 @@ def test_rescaled_steps_of_a_preset_follow_the_length_and_plain_ones_do_not():
         assert found(steps="3000", rescale="false").flat()["strategy.until"] == 5000
         given = found(steps="3000", **{"strategy.until": "2000"})
         assert given.flat()["strategy.until"] == 2000, "what is given is absolute"
+
+
+def test_a_key_of_another_method_names_the_methods_that_have_it():
+    given = Layer(COMMAND_LINE, {"method": "4dgs", "ignore_time": "true"})
+    with pytest.raises(ConfigError, match=r"It belongs to method 3dgs, but method=4dgs\."):
+        resolve(installed(), [given])

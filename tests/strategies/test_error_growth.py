@@ -203,7 +203,7 @@ def test_needs_a_rasterizer_that_weighs_contributions_and_rows_that_can_be_split
 
 def test_more_views_cannot_agree_than_are_asked():
     with pytest.raises(ConfigError) as caught:
-        strategy(agreeing_views=5)
+        replace(SETTINGS, agreeing_views=5).check()
     assert caught.value.message == (
         "strategy.agreeing_views=5: expected at most strategy.views=4, the views that are asked."
     )
