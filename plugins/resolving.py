@@ -29,7 +29,7 @@ from gsfw.plugins.keys import (
     renamed_keys,
     suggest_key,
 )
-from gsfw.plugins.loading import callback_configs, load, load_all
+from gsfw.plugins.loading import ask_all, callback_configs, load
 from gsfw.plugins.registry import Registry, did_you_mean
 from gsfw.plugins.settings import (
     CHOICE_KEYS,
@@ -256,27 +256,13 @@ class Resolving:
     def _unknown(self, key: str, source: str, known: Mapping[str, Key]) -> ConfigError:
         slot, _, setting = key.partition(".")
         hint = suggest_key(key, [*known, *CHOICE_KEYS])
-        if slot in SLOT_KEYS:
-            others = [
-                name
-                for name, kind in load_all(slot, self._registry).items()
-                if any(item.name == setting for item in keys(kind()))
-            ]
-            if others:
-                hint = (
-                    f" It belongs to {slot} {' and '.join(others)}, "
-                    f"but {slot}={self._choices[slot].name}."
-                )
-        else:
-            others = [
-                name
-                for name, kind in load_all("method", self._registry).items()
-                if any(item.name == key for item in keys(kind()))
-            ]
-            if others:
-                hint = (
-                    f" It belongs to method {' and '.join(others)}, but method={self._method.name}."
-                )
+        if slot not in SLOT_KEYS:
+            slot, setting = "method", key
+        known_by = ask_all(slot, self._registry, lambda kind: {item.name for item in keys(kind())})
+        others = [name for name, names in known_by.items() if setting in names]
+        if others:
+            chosen = self._method if slot == "method" else self._choices[slot]
+            hint = f" It belongs to {slot} {' and '.join(others)}, but {slot}={chosen.name}."
         return ConfigError(
             f"{where(source)}unknown key {key!r}.{hint}",
             f"All keys: gsfw train method={self._method.name} --help",

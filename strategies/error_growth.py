@@ -70,7 +70,7 @@ class ErrorGrowthConfig(StrategyConfig):
         """Check that no more views have to agree than are asked.
 
         Raises:
-            ConfigError: more have to.
+            ConfigError: ``agreeing_views`` exceeds ``views``.
         """
         if self.agreeing_views > self.views:
             raise ConfigError(

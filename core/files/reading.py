@@ -45,7 +45,7 @@ def followed(path: Path) -> Path:
 def first_bytes(path: Path, count: int) -> bytes:
     """The first bytes of a file, to recognise its format; empty if it cannot be read.
 
-    A pipe is no file: its first bytes would be lost to whoever reads it, or come never.
+    Pipes give none: bytes that are read here would be missing later, and may never come.
     """
     if not is_file(path):
         return b""

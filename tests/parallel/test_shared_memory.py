@@ -9,7 +9,6 @@ from support.connected_processes import (
 )
 
 
-@pytest.mark.slow
 def test_all_operations_return_what_sockets_return():
     in_processes(all_operations)
 
