@@ -12,13 +12,13 @@ from gsfw.core.config import (
     DataManagerConfig,
     Detection,
     MethodConfig,
-    OptimConfig,
     RasterizerConfig,
     SamplerConfig,
     StrategyConfig,
 )
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.optim_config import OptimConfig
 from gsfw.core.ranges import number
 from gsfw.core.step_settings import Rescaled, steps_field
 

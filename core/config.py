@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.hold_out import HoldOutBy
-from gsfw.core.learning_rate import LearningRate
+from gsfw.core.optim_config import OptimConfig
 from gsfw.core.ranges import check_ranges, number
 from gsfw.core.step_settings import steps_field
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from gsfw.core.callback import Callback
     from gsfw.core.capabilities import Capabilities, Needs
     from gsfw.core.datamanager import DataManager, DataRequest, Views
-    from gsfw.core.loop.optimizer import OptimizerSettings
     from gsfw.core.method import Method
     from gsfw.core.rasterizer import Rasterizer
     from gsfw.core.refiner import Refiner
@@ -61,6 +60,8 @@ class SlotConfig:
     Groups may be renamed too; an empty new name marks a setting that has no effect any more.
     A value is renamed as "mode=old" -> "mode=new", under the current name of its setting.
     """
+    acts_with: ClassVar[Mapping[str, str]] = {}
+    """Conditions without which settings change nothing (``core.dependencies``)."""
     recommended: ClassVar[Mapping[str, Any]] = {}
     """Recommended settings of the run for this choice, by dotted key. The user's settings win, and
     parts that the method chooses itself, such as its sampler."""
@@ -86,6 +87,11 @@ class SlotConfig:
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
     """Settings of a density strategy, chosen as ``strategy=NAME``, and of its budget."""
+
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "budget_share": "budget=auto",
+        "budget_every": "budget!=none",
+    }
 
     budget: str = NO_BUDGET
     """Final number of Gaussians: none, auto (by the scene), a number, or megabytes as in 20MB."""
@@ -177,6 +183,9 @@ class DataManagerConfig(SlotConfig, ABC):
 class CallbackConfig(ABC):
     """Settings of a callback, which are typed as ``callbacks.NAME.KEY=VALUE``."""
 
+    acts_with: ClassVar[Mapping[str, str]] = {"": "enabled=true"}
+    """Conditions without which settings change nothing (``core.dependencies``)."""
+
     enabled: bool = True
     """True to use the callback."""
 
@@ -194,48 +203,6 @@ class CallbackConfigs:
 
 
 @dataclass
-class OptimConfig:
-    """Settings of the optimizer; the learning rates are those of Kerbl et al. 2023."""
-
-    sparse: bool = False
-    """Keep rows unchanged that no view of a step has seen (faster; not as in the papers)."""
-    batch_scale: float = number(1.0, at_least=1, below=math.inf)
-    """Views of a step over those that the rates are made for: rates grow with its root."""
-    exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
-    """Rate of gains and offsets of the images' colours under exposure=true, of up to 20 images;
-    with more of them it falls with the root of their number."""
-    exposure_lr_final: float = number(1e-3, at_least=0, below=math.inf)
-    """Rate of gains and offsets once it has decayed, log-linearly; of up to 20 images, too."""
-    exposure_start: int = steps_field(500)
-    """Steps before exposures are learnt, in which splats learn the mean colours."""
-    poses_lr: float = number(1e-3, at_least=0, below=math.inf)
-    """Rate of camera rotations (radians) and translations (extents) under refine_poses=true."""
-    poses_lr_final: float = number(1e-5, at_least=0, below=math.inf)
-    """Rate of rotations and translations once it has decayed, log-linearly."""
-    poses_start: int = steps_field(500)
-    """Steps before cameras move, in which splats learn the rough shape."""
-    corrections_lr_steps: int = steps_field(30_000)
-    """Steps over which the rates of exposures and poses decay."""
-
-    def settings(self) -> OptimizerSettings:
-        """Settings for the optimizer."""
-        from gsfw.core.loop.optimizer import OptimizerSettings
-
-        return OptimizerSettings.scaled(self.batch_scale, self.sparse)
-
-    def exposure_rate(self) -> LearningRate:
-        """Learning rate of exposures."""
-        return self._decaying(self.exposure_lr, self.exposure_lr_final, self.exposure_start)
-
-    def poses_rate(self) -> LearningRate:
-        """Learning rate of camera poses."""
-        return self._decaying(self.poses_lr, self.poses_lr_final, self.poses_start)
-
-    def _decaying(self, initial: float, final: float, start: int) -> LearningRate:
-        return LearningRate(initial, final, self.corrections_lr_steps - start, start)
-
-
-@dataclass
 class MethodConfig(ABC):
     """Settings that every run has; a method derives from them and may change the defaults.
 
@@ -245,6 +212,20 @@ class MethodConfig(ABC):
 
     renamed: ClassVar[Mapping[str, str]] = {"init=stereo": "init=dense"}
     """Renamed settings, as in ``SlotConfig``; those of derived classes are added."""
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "dense_points": "init=dense",
+        "eval_views": "eval_every>0",
+        "resolution_steps": "resolution_schedule=auto",
+        "distractors_start": "ignore_distractors=true",
+        "optim.exposure_lr": "exposure=true",
+        "optim.exposure_lr_final": "exposure=true",
+        "optim.exposure_start": "exposure=true",
+        "optim.poses_lr": "refine_poses=true",
+        "optim.poses_lr_final": "refine_poses=true",
+        "optim.poses_start": "refine_poses=true",
+        "optim.corrections_lr_steps": "exposure=true or refine_poses=true",
+    }
+    """Conditions without which settings change nothing (``core.dependencies``)."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
     """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default". Those of
     ``datamanager.*`` hold for the built-in scene only, such as its motion."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, final
@@ -32,6 +33,11 @@ class CaptureConfig(DataManagerConfig, ABC):
 
     own_maps: ClassVar[frozenset[str]] = frozenset()
     """Names of the per-view maps that data sets of this format may have, without ``maps``."""
+
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "mask_mode": "masks!=none",
+        "invert_masks": "masks!=none",
+    }
 
     fisheye: str = "undistort"
     """Images of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""

@@ -8,6 +8,7 @@ from enum import IntEnum
 from typing import Any
 
 from gsfw.core.config import AUTO, MethodConfig
+from gsfw.core.dependencies import unmet_dependencies
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.keys import SLOT_KEYS, current_key, current_value, keys
 from gsfw.plugins.loading import load
@@ -135,7 +136,23 @@ def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
     resolution.apply_values()
     resolution.choose_rasterizer()
     resolution.rescale(kind().steps)
-    return resolution.settings()
+    return _with_remarks(resolution.settings())
+
+
+def _with_remarks(settings: Settings) -> Settings:
+    """Note typed values that change nothing, as another setting switches off their use.
+
+    They are not refused: commands that programs put together have them for good reasons. Values of
+    files, presets and recommendations may be left over from another choice.
+    """
+    unmet = unmet_dependencies(settings.config)
+    remarks = []
+    for key in keys(settings.config):
+        needed = next((item for item in unmet if item.covers(key.name)), None)
+        if needed is not None and settings.sources[key.name] == COMMAND_LINE:
+            value = as_text(plain(key.value))
+            remarks.append(f"{key.name}={value} changes nothing without {needed.condition}.")
+    return replace(settings, notes=(*settings.notes, *remarks))
 
 
 def _check_names(registry: Registry, layers: Sequence[Layer]) -> None:

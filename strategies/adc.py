@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -50,6 +50,18 @@ from gsfw.strategies.rounds import COPIES, DensityRefiner, RefinementRounds
 @dataclass
 class AdcConfig(StrategyConfig):
     """Settings of adaptive density control; steps are those of a run of 30,000."""
+
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "grow_gradient": "absgrad=false",
+        "grow_absgrad": "absgrad=true",
+        "split_lifetime": "grow_time_gradient>0",
+        "prune_size": "reset_every>0",
+        "prune_radius": "reset_every>0",
+        "reset_opacity": "reset_every>0",
+        "guided.start": "guided.rounds>0",
+        "guided.every": "guided.rounds>0",
+        "guided.share": "guided.rounds>0",
+    }
 
     grow_gradient: float = number(2e-4, at_least=0)
     """Rows grow above this mean gradient of the screen position (NDC units)."""

@@ -34,6 +34,10 @@ class SyntheticConfig(DataManagerConfig):
     }
     """Other recommendations for the scene without motion: 40 dB come soon."""
 
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "times": "moving=true",
+    }
+
     views: int = number(60, at_least=2)
     """Training views, on a dome around the scene."""
     eval_views: int = number(8, at_least=0)

@@ -65,6 +65,10 @@ class TrackedGaussiansConfig(GaussiansConfig):
     rigid=6, isometry=6 and tracked_decay=0.01 (3000 steps), 0.0067 after 0.0085 and 29.46 after
     29.83 dB."""
 
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "color_change": "colors=soft",
+    }
+
     colors: Literal["soft", "fixed"] = "soft"
     """Change constant colours with time, at a cost (color_change)."""
     rigid: float = number(4.0, at_least=0, below=math.inf)

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import MethodConfig, OptimConfig
+from gsfw.core.config import MethodConfig
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.optim_config import OptimConfig
 from gsfw.core.ranges import number
 from gsfw.core.step_settings import steps_field
 
@@ -96,6 +97,11 @@ class GaussiansConfig(MethodConfig):
     """Settings of every method with canonical 3D Gaussians: colours, loss, and initialisation."""
 
     renamed: ClassVar[Mapping[str, str]] = {"sh=same": "sh=uniform"}
+
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "bands": "sh=adaptive",
+        "squared_weight": "squared_steps>0",
+    }
 
     sh_degree: int = number(3, at_least=0, at_most=MAX_SH_DEGREE)
     """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""

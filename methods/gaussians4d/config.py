@@ -168,6 +168,12 @@ class DeformationConfig(MovingConfig):
     not reset, and the rate of the network decays to a tenth, not to 1/500, with which short runs
     stop to learn."""
 
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "hexplane": "encoder=hexplane",
+        "mlp": "encoder=mlp",
+        "hash": "encoder=hash",
+    }
+
     steps: int = DEFAULT_STEPS
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     encoder: Literal["hexplane", "mlp", "hash"] = "hexplane"

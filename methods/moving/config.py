@@ -20,6 +20,13 @@ class MovingConfig(GaussiansConfig):
     }
     """The built-in scene moves; no opacity resets, which harm motion."""
 
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "static_start": "static=auto",
+        "static_every": "static=auto",
+        "static_tolerance": "static=auto",
+        "static_signal": "static=auto",
+    }
+
     static: Literal["none", "auto"] = "none"
     """none: every splat may change with time; auto: only those that need to; the others have no
     temporal parameters and no temporal cost, and can start to move again."""

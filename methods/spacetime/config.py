@@ -95,6 +95,16 @@ class SpacetimeConfig(MovingConfig):
     random_points=8000): growth by time gradients 23.99 to 23.92 dB with 3 % more rows, relocation
     by gradient 22.98 to 23.11 dB."""
 
+    acts_with: ClassVar[Mapping[str, str]] = {
+        "motion_start": "motion=adaptive",
+        "motion_every": "motion=adaptive",
+        "motion_tolerance": "motion=adaptive",
+        "optim.spins_lr": "spin=true",
+        "optim.features_lr": "colors=features",
+        "optim.feature_rates_lr": "colors=features",
+        "optim.decoder_lr": "colors=features",
+    }
+
     squared_steps: int = steps_field(15_000)
     """Steps in which the loss has the mean squared difference instead of the absolute one, under
     which things vanish that are present less than half of the time."""
