@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from gsfw.core.learning_rate import LearningRate
+from gsfw.core.learning_rate import Cooldown, LearningRate
 from gsfw.core.ranges import number
 from gsfw.core.step_settings import steps_field
 
@@ -22,6 +22,8 @@ class OptimConfig:
     """Keep rows unchanged that no view of a step has seen (faster; not as in the papers)."""
     batch_scale: float = number(1.0, at_least=1, below=math.inf)
     """Views of a step over those that the rates are made for: rates grow with its root."""
+    cooldown: float = number(0.0, at_least=0, at_most=1)
+    """Part of the steps, at the end, in which all rates fall linearly to a tenth; 0: none."""
     exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
     """Rate of gains and offsets of the images' colours under exposure=true, of up to 20 images;
     with more of them it falls with the root of their number."""
@@ -38,11 +40,12 @@ class OptimConfig:
     corrections_lr_steps: int = steps_field(30_000)
     """Steps over which the rates of exposures and poses decay."""
 
-    def settings(self) -> OptimizerSettings:
-        """Settings for the optimizer."""
+    def settings(self, steps: int) -> OptimizerSettings:
+        """Settings for the optimizer of a run of ``steps``."""
         from gsfw.core.loop.optimizer import OptimizerSettings
 
-        return OptimizerSettings.scaled(self.batch_scale, self.sparse)
+        cooldown = Cooldown(round(steps * (1 - self.cooldown)), steps)
+        return replace(OptimizerSettings.scaled(self.batch_scale, self.sparse), cooldown=cooldown)
 
     def exposure_rate(self) -> LearningRate:
         """Learning rate of exposures."""

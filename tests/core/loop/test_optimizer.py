@@ -7,6 +7,7 @@ import torch
 from support.mixed_model import MixedModel, with_optimizer
 from support.states import assert_same_bits
 
+from gsfw.core.learning_rate import COOLED, Cooldown
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 
@@ -151,6 +152,14 @@ def test_frozen_columns_stay_until_they_are_unfrozen():
     assert torch.equal(after["network.weight"], before["network.weight"])
     assert not torch.equal(after["stacked.values"], before["stacked.values"])
     assert optimizer.learning_rates(0)["dense"] == 0.0
+
+
+def test_all_rates_fall_in_the_cooldown():
+    _, usual = fresh()
+    _, cooling = fresh(settings=OptimizerSettings(cooldown=Cooldown(0, 10)))
+    for name, rate in usual.learning_rates(10).items():
+        assert cooling.learning_rates(10)[name] == pytest.approx(COOLED * rate)
+    assert cooling.learning_rates(0) == usual.learning_rates(0)
 
 
 def test_a_reset_column_starts_like_a_new_one():
