@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
+from gsfw.core.ranges import number
 from gsfw.formats.activation import to_bytes
 from gsfw.formats.stored_rows import stored_parts
 
@@ -25,20 +25,9 @@ class PointsExporter(Exporter):
     most_sh_degree = 0
     is_readable = False
 
-    min_opacity: float = 0.0
+    min_opacity: float = number(0.0, at_least=0, at_most=1)
     """Least opacity of a splat that becomes a point, in [0, 1]. Faint splats float in front of
     surfaces, so that 0.5 gives a cleaner cloud."""
-
-    def __post_init__(self) -> None:
-        """Check the options.
-
-        Raises:
-            ConfigError: the opacity is out of range.
-        """
-        if not 0 <= self.min_opacity <= 1:
-            raise ConfigError(
-                f"format.min_opacity={self.min_opacity:g}: expected a number in [0, 1]."
-            )
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically: positions as float, colours as 8 bits.

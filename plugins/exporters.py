@@ -10,6 +10,7 @@ from pathlib import Path
 from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.exchange import Exporter
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE
+from gsfw.core.ranges import check_ranges
 from gsfw.plugins.keys import Key, keys, suggest_key
 from gsfw.plugins.loading import load, load_all
 from gsfw.plugins.registry import Registry
@@ -95,7 +96,9 @@ def make_exporter(
                 f"{text}: expected {describe(known[full].kind)}, found {as_text(value)!r}.",
                 f"{full}: {known[full].help}",
             ) from None
-    return kind(**values)
+    exporter = kind(**values)
+    check_ranges(exporter, PREFIX)
+    return exporter
 
 
 def check_suffix(path: Path, form: str, exporter: Exporter, registry: Registry) -> None:

@@ -145,9 +145,8 @@ def _bad_values_are_refused(subject: Subject) -> None:
         if key.owner.__module__.startswith("gsfw.core.") or key.kind not in (int, float):
             continue
         for text in NUMBERS if key.kind is float else NUMBERS[:2]:
-            config = replace_at(subject.target(), key.name, parse(key.kind, text))
             try:
-                builder.build(config)
+                builder.build(replace_at(subject.target(), key.name, parse(key.kind, text)))
             except UserError as error:
                 named = key.name.rpartition(".")[2] in str(error)
                 happened = f"the message for {key.name}={text} does not name the key: {error}"

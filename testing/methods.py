@@ -17,7 +17,7 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.model_file import ModelFileExporter, read_model_file
 from gsfw.formats.ply import PlyExporter, PlyImporter
-from gsfw.plugins.config_file import read_config, write_config
+from gsfw.plugins.config_file import PLACES, read_config, write_config
 from gsfw.plugins.rebuild import rebuild, stored_model
 from gsfw.plugins.restore import restore
 from gsfw.plugins.settings import Layer, resolve
@@ -236,7 +236,8 @@ def _settings_survive_config_yaml(subject: Subject) -> None:
     path = subject.workspace / "config.yaml"
     path.write_text(write_config(settings, ["check"]), encoding="utf-8")
     again = resolve(subject.registry, [read_config(path, everything=True)])
-    found = difference({**settings.flat(), "out": ""}, {**again.flat(), "out": ""})
+    paths = dict.fromkeys(("out", *PLACES), "")  # Absolute in the file; not those of the method.
+    found = difference({**settings.flat(), **paths}, {**again.flat(), **paths})
     require(not found, f"read from config.yaml, {found}.", "Use plain types for settings.")
 
 

@@ -245,16 +245,18 @@ class Builder:
             return config.build()
         if slot == "strategy":
             return config.refiners(data.scene)
-        if slot == "sampler":
-            return config.build(data.views(Split.TRAIN), 0, STEPS)
-        if slot == "rasterizer":
-            return config.build(torch.device("cpu"))
-        if slot == "datamanager":
-            return config.build(request_of(self._subject))
-        assert slot == "callback"
-        callback = config.build()
-        callback.close()
-        return callback
+        if slot == "exporter":
+            return config  # Its options are its own fields.
+        if slot == "callback":
+            callback = config.build()
+            callback.close()
+            return callback
+        arguments: dict[str, tuple[Any, ...]] = {
+            "sampler": (data.views(Split.TRAIN), 0, STEPS),
+            "rasterizer": (torch.device("cpu"),),
+            "datamanager": (request_of(self._subject),),
+        }
+        return config.build(*arguments[slot])
 
 
 def request_of(subject: Subject, **changes: Any) -> DataRequest:  # noqa: ANN401 - fields

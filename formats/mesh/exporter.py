@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from jaxtyping import Float
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import DepthView, Exporter, ExportSource, Holds
+from gsfw.core.ranges import number
 from gsfw.formats.mesh.blocks import Blocks
 from gsfw.formats.mesh.components import large_parts
 from gsfw.formats.mesh.files import WRITERS, write_mesh
@@ -41,39 +43,20 @@ class MeshExporter(Exporter):
     is_readable = False
     holds = Holds.DEPTHS
 
-    resolution: int = 256
+    resolution: int = number(256, at_least=8, at_most=4096)
     """Voxels along the longest side of the surfaces at voxel=0; fewer where pixels are larger."""
-    voxel: float = 0.0
+    voxel: float = number(0.0, at_least=0, below=math.inf)
     """Size of a voxel in units of the data. 0: by resolution."""
-    max_depth: float = 0.0
+    max_depth: float = number(0.0, at_least=0, below=math.inf)
     """Distance from a camera, in units of the data, beyond which nothing counts. 0: three times the
     median distance."""
-    least_alpha: float = 0.5
+    least_alpha: float = number(0.5, at_least=0, at_most=1)
     """Coverage, in [0, 1], that a pixel needs to show a surface."""
-    min_views: int = 2
+    min_views: int = number(2, at_least=1, at_most=1000)
     """Views that have to see a place."""
-    min_part: float = 0.02
+    min_part: float = number(0.02, at_least=0, at_most=1)
     """Connected parts with fewer triangles than this part of the largest one are left out. 0: none
     are; 1: all but the largest."""
-
-    def __post_init__(self) -> None:
-        """Check the options.
-
-        Raises:
-            ConfigError: a number is out of range.
-        """
-        for name, low, high in (
-            ("resolution", 8, 4096),
-            ("voxel", 0.0, np.inf),
-            ("max_depth", 0.0, np.inf),
-            ("least_alpha", 0.0, 1.0),
-            ("min_views", 1, 1000),
-            ("min_part", 0.0, 1.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                limits = f"of at least {low:g}" if high == np.inf else f"from {low:g} to {high:g}"
-                raise ConfigError(f"format.{name}={value:g}: expected a number {limits}.")
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically: .glb, .obj, or .ply.

@@ -14,6 +14,8 @@ from gsfw.core.splats import Sh
 from gsfw.datamanagers.point_file import read_points
 from gsfw.formats.ply import PlyImporter
 from gsfw.formats.points import PointsExporter
+from gsfw.plugins.exporters import make_exporter
+from gsfw.plugins.registry import installed
 
 SPLATS = random_splats(30, 2, dtype=torch.float64)
 
@@ -50,8 +52,8 @@ def test_faint_splats_can_be_left_out(tmp_path):
     assert np.array_equal(np.stack([rows[axis] for axis in "xyz"], axis=1), opaque)
     with pytest.raises(ValueError, match="no splat has an opacity of 1 or more"):
         write(tmp_path / "b.ply", min_opacity=1.0)
-    with pytest.raises(ConfigError, match=r"min_opacity=1\.5: expected a number in \[0, 1\]\."):
-        PointsExporter(min_opacity=1.5)
+    with pytest.raises(ConfigError, match=r"min_opacity=1\.5: expected a number from 0 to 1\."):
+        make_exporter("points", installed(), {"min_opacity": 1.5})
     broken = replace(SPLATS, opacities=SPLATS.opacities.index_fill(0, torch.tensor(4), torch.nan))
     with pytest.raises(ValueError, match="opacities: row 4 is nan"):
         write(tmp_path / "b.ply", broken, min_opacity=0.5)

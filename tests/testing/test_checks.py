@@ -132,6 +132,21 @@ def test_a_name_stands_for_all_parts_that_have_it():
     assert [subject.name for subject in subjects_named("support.heavy_registration")] == ["heavy"]
 
 
+def test_data_and_a_start_in_the_working_folder_break_no_promise(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "capture").mkdir()
+    for name in ("capture/transforms.json", "start.ply"):
+        (tmp_path / name).touch()
+    subject = find_subject("method", "3dgs", data="capture", settings=["init=start.ply"])
+    (outcome,) = outcomes(subject, ["settings-survive-config-yaml"])
+    assert outcome.verdict is Verdict.KEPT, outcome
+
+
+def test_options_of_an_exporter_are_tried_with_bad_values():
+    (outcome,) = outcomes(find_subject("exporter", "mesh"), ["bad-values-are-refused"])
+    assert outcome.verdict is Verdict.KEPT, outcome
+
+
 def test_names_of_promises_are_unique_and_sentences_end():
     for slot in SLOTS:
         names = [promise.name for promise in promises(slot)]

@@ -20,6 +20,8 @@ from gsfw.formats.mesh.components import large_parts
 from gsfw.formats.mesh.exporter import MeshExporter
 from gsfw.formats.mesh.files import write_mesh
 from gsfw.formats.mesh.surface_nets import Mesh, surface_net
+from gsfw.plugins.exporters import make_exporter
+from gsfw.plugins.registry import installed
 
 MIDDLE = torch.tensor([5.0, -2.0, 1.0], dtype=torch.float64)
 """The sphere is not at the origin: the world is that of some data."""
@@ -135,13 +137,13 @@ def test_surfaces_smaller_than_a_pixel_are_none():
     ("options", "message"),
     [
         ({"resolution": 4}, "format.resolution=4: expected a number from 8 to 4096."),
-        ({"voxel": -1.0}, "format.voxel=-1: expected a number of at least 0."),
+        ({"voxel": -1.0}, "format.voxel=-1: expected a finite number of at least 0."),
         ({"least_alpha": 2.0}, "format.least_alpha=2: expected a number from 0 to 1."),
     ],
 )
 def test_options_out_of_range_are_refused(options, message):
     with pytest.raises(ConfigError) as caught:
-        MeshExporter(**options)
+        make_exporter("mesh", installed(), options)
     assert str(caught.value) == message
 
 
