@@ -18,6 +18,7 @@ OVERVIEW = "1_overview"
 QUALITY = "2_quality"
 GAUSSIANS = "3_gaussians"
 LOSSES = "4_loss_terms"
+METHOD = "4_method"
 TIME = "5_time"
 MEMORY = "6_memory"
 RATES = "7_learning_rates"
@@ -81,6 +82,7 @@ def step_curves(report: StepReport, seconds_left: float | None) -> dict[str, flo
         f"{QUALITY}/image_size": report.resolution,
         **{f"{GAUSSIANS}/{verb}": float(count) for verb, count in report.refined.items()},
         **{f"{LOSSES}/{name}": value for name, value in report.losses.items()},
+        **{f"{METHOD}/{name}": value for name, value in report.metrics.items()},
         **{f"{TIME}/{name}_ms": value for name, value in report.stage_ms.items()},
         **{f"{MEMORY}/{name}_gb": mb / 1e3 for name, mb in report.memory_mb.items()},
         **{f"{RATES}/{name}": value for name, value in report.learning_rates.items()},
@@ -92,7 +94,7 @@ def step_curves(report: StepReport, seconds_left: float | None) -> dict[str, flo
 
 def of_a_step(tag: str) -> bool:
     """True for the tags of ``step_curves``, which no evaluation writes."""
-    return tag in STEP_TAGS or tag.startswith((GAUSSIANS, LOSSES, TIME, MEMORY, RATES))
+    return tag in STEP_TAGS or tag.startswith((GAUSSIANS, LOSSES, METHOD, TIME, MEMORY, RATES))
 
 
 def evaluation_curves(evaluation: Evaluation) -> dict[str, float]:

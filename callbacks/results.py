@@ -51,6 +51,7 @@ class Results(Callback):
                 "step": report.step,
                 "loss": report.loss,
                 **{f"loss/{name}": value for name, value in report.losses.items()},
+                **{f"method/{name}": value for name, value in report.metrics.items()},
                 "psnr": report.psnr,
                 "resolution": report.resolution,
                 "num_gaussians": report.num_gaussians,

@@ -110,6 +110,8 @@ class StepReport:
     """Width of the first image of the step over its full width; 1 unless training starts coarse."""
     refined: Mapping[str, int] = field(default_factory=dict)
     """Rows changed since the last report, by verb: {"cloned": 12, "pruned": 3}."""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """The method's own figures (``Method.step_metrics``)."""
     view: TrainingView | None = None
     """The first image of the step; ``None`` if no trainer made the report."""
     model: ModelHandle | None = None

@@ -62,3 +62,5 @@ class ViewContext:
     """Decoded image (``PrimitiveModel.decode``), over the background of the run."""
     target: Float[Tensor, "1 h w 3"]
     """The image over the same background: what ``rendered.color`` is compared with."""
+    extent: float
+    """The scene's extent, in scene units."""

@@ -26,8 +26,8 @@ class Method(ABC):
 
     ``build_model`` and ``losses`` are required. The order of calls in a run: ``check_scene``,
     ``build_model``, ``begin``, ``refiners``, ``notes``; in each step ``prepare`` and
-    ``render_settings``, and for each batch ``losses``; ``view_metrics`` and ``view_images`` in
-    evaluations; ``report`` at the end.
+    ``render_settings``, and for each batch ``losses``; ``step_metrics`` after logged steps,
+    ``view_metrics`` and ``view_images`` in evaluations; ``report`` at the end.
     """
 
     registered_as: str = ""
@@ -124,6 +124,17 @@ class Method(ABC):
             The key; ``None`` if steps have to be run one by one.
         """
         return None
+
+    def step_metrics(self, context: StepContext) -> Mapping[str, float]:
+        """The method's own figures of a logged step that are no loss, by name.
+
+        Such as the weight of a term, or the mean of a column. Called after the step, without
+        gradients, and only in the process that leads; nothing may be changed.
+
+        Args:
+            context: the first batch of the step, rendered before the update.
+        """
+        return {}
 
     def view_metrics(self, context: ViewContext) -> Mapping[str, float]:
         """The method's own metrics of one held-out view, by name, such as a depth error."""

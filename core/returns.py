@@ -223,7 +223,7 @@ def checked_settings(method: Method, settings: RenderSettings, step: int | None)
 
 
 def checked_figures(source: str, figures: object) -> dict[str, float]:
-    """The figures of a view that a method returned, as plain numbers.
+    """The figures of a view or a step that a method returned, as plain numbers.
 
     Raises:
         ConfigError: they are no mapping of numbers; names the first that is none.

@@ -145,7 +145,8 @@ class FrameRenderer:
         )
         images = render_channels(self.rule.style.channels, shot)
         output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
-        return images, dict(own_images(parts.method, ViewContext(batch, output, target)))
+        context = ViewContext(batch, output, target, parts.data.scene.extent)
+        return images, dict(own_images(parts.method, context))
 
     def write(self, file: Path, images: Sequence[Tensor], scales: Scales) -> Path:
         """Write a frame."""

@@ -168,7 +168,8 @@ def evaluate(
         durations.append(1e3 * (time.perf_counter() - started))
         # Not before the render, whose time would include that of the threads.
         data.prefetch(split, order[place + 1 : place + 2])
-        context = ViewContext(batch, output, batch.target(settings.background))
+        target = batch.target(settings.background)
+        context = ViewContext(batch, output, target, data.scene.extent)
         per_view[index] = comparison.compare(index, context)
         if on_view is not None:
             images = {} if method is None else own_images(method, context)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+import torch
+
 from gsfw.core.batch import Batch
 from gsfw.core.callback import StepReport, TrainingView
 from gsfw.core.context import StepContext
@@ -16,8 +18,10 @@ from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.loop.update import Update
+from gsfw.core.method import Method
 from gsfw.core.metrics import psnr
 from gsfw.core.refiner import Refinement
+from gsfw.core.returns import checked_figures
 
 
 class StepReports:
@@ -83,6 +87,7 @@ class StepReports:
             skipped_steps=updates.skipped,
             resolution=self.resolution(rendered[0]),
             refined=dict(self._refined),
+            metrics=_own_metrics(parts.method, context),
             view=TrainingView(
                 self._names[batch.views[0]],
                 context.target[0],
@@ -93,6 +98,17 @@ class StepReports:
         )
         self._refined.clear()
         return report
+
+
+@torch.no_grad()
+def _own_metrics(method: Method, context: StepContext) -> dict[str, float]:
+    """The method's own figures of a step.
+
+    Raises:
+        ConfigError: they are no numbers by name; names the method and what it returned.
+    """
+    source = f"{method.registered_as or type(method).__name__}: step_metrics"
+    return checked_figures(source, method.step_metrics(context))
 
 
 def _without_distractors(context: StepContext, distractors: Distractors | None) -> Batch:

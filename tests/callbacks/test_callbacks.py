@@ -23,6 +23,7 @@ def test_results_have_a_line_per_logged_step_and_a_final_summary(tmp_path):
     lines = [json.loads(line) for line in folder.metrics_log.read_text().splitlines()]
     assert [line["step"] for line in lines] == [10, 20, 20]
     assert lines[0]["loss/l1"] == pytest.approx(0.04)
+    assert lines[0]["method/share"] == 0.25
     summary = json.loads(folder.summary.read_text())
     assert summary["psnr"] == 30.5
     assert summary["protocol"] == {"background": [1.0, 1.0, 1.0]}

@@ -85,7 +85,8 @@ def test_the_first_group_says_whether_it_works(tmp_path):
     assert [tag for tag in tags if not tag.startswith("1_")] == [
         "2_quality/image_size", "2_quality/no_model_mean_image_psnr",
         "2_quality/psnr_of_training_views", "2_quality/skipped_steps", "3_gaussians/cloned",
-        "4_loss_terms/l1", "5_time/render_ms", "6_memory/rss_gb", "7_learning_rates/means",
+        "4_loss_terms/l1", "4_method/share", "5_time/render_ms", "6_memory/rss_gb",
+        "7_learning_rates/means",
     ]  # fmt: skip
 
 

@@ -74,7 +74,7 @@ def test_what_is_transparent_has_no_brightness(like, monkeypatch):
     batch = Batch(torch.ones(1, 4, 4, 3), front_camera().resized(4, 4), (0,), alpha=nothing)
     statistics = RenderStatistics.zeros(torch.zeros(1, 3), 1, frozenset())
     rendered = RenderOutput(torch.ones(1, 4, 4, 3), nothing, statistics, extra=nothing)
-    context = ViewContext(batch, rendered, batch.images)
+    context = ViewContext(batch, rendered, batch.images, extent=1.0)
     assert written._error(context).max() == 0
 
 

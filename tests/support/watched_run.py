@@ -28,7 +28,7 @@ def report_of(step: int, resolution: float = 1.0, step_ms: float = 10.0, model=N
         step=step, loss=0.5 / step, losses={"l1": 0.4 / step}, psnr=20.0 + step,
         num_gaussians=100, learning_rates={"means": 1e-4}, step_ms=step_ms,
         stage_ms={"render": step_ms / 2}, memory_mb={"rss": 200.0}, resolution=resolution,
-        refined={"cloned": 3}, model=model,
+        refined={"cloned": 3}, metrics={"share": 0.25}, model=model,
     )  # fmt: skip
 
 

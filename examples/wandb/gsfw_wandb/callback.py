@@ -65,6 +65,7 @@ class Wandb(Callback):
         figures = {
             "loss/total": report.loss,
             **{f"loss/{name}": value for name, value in report.losses.items()},
+            **{f"method/{name}": value for name, value in report.metrics.items()},
             "train/psnr": report.psnr,
             "gaussians": report.num_gaussians,
             "step_ms": report.step_ms,

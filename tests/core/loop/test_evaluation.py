@@ -72,7 +72,8 @@ def test_a_method_gets_the_image_over_the_background_of_its_render():
 
     class Measured(StaticGaussiansMethod):
         def view_metrics(self, context):
-            return {"own": psnr(context.rendered.color[0], context.target[0])}
+            own = psnr(context.rendered.color[0], context.target[0])
+            return {"own": own, "extent": context.extent}
 
         def view_images(self, context):
             return {"target": context.target[0]}
@@ -81,6 +82,7 @@ def test_a_method_gets_the_image_over_the_background_of_its_render():
     parts = parts_of(Translucent([(0.0, 3.0)]), two_balls(), {"psnr": Psnr()})
     (figures,) = evaluate(parts, WHITE, on_view=shown.append, method=method).per_view
     assert figures["own"] == figures["psnr"]
+    assert figures["extent"] == parts.data.scene.extent
     (view,) = shown
     assert torch.equal(view.images["target"], view.target)
     assert view.target.min() >= 0.75

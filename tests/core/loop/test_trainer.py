@@ -175,6 +175,32 @@ def test_view_metrics_that_are_no_mapping_are_named(tmp_path):
         run.fit()
 
 
+def test_own_figures_of_a_method_are_reported_on_logged_steps(tmp_path):
+    class Measured(StaticGaussiansMethod):
+        def step_metrics(self, context):
+            assert not torch.is_grad_enabled()
+            return {"at": context.step, "scale": float(context.splats.scales.mean())}
+
+    recorder = Recorder()
+    run = trainer(tmp_path, "none", recorder, steps=3)
+    with_parts(run, method=Measured(StaticGaussiansConfig(sh_degree=1))).fit()
+    assert [report.metrics["at"] for report in recorder.reports] == [
+        report.step - 1 for report in recorder.reports
+    ]
+    assert all(report.metrics["scale"] > 0 for report in recorder.reports)
+
+
+def test_step_metrics_that_are_no_numbers_are_named(tmp_path):
+    class Wrong(StaticGaussiansMethod):
+        def step_metrics(self, context):
+            return {"scale": context.splats.scales}
+
+    run = trainer(tmp_path, "none", Recorder(), steps=1)
+    run = with_parts(run, method=Wrong(StaticGaussiansConfig(sh_degree=1)))
+    with pytest.raises(ConfigError, match="Wrong: step_metrics returned Tensor for 'scale', exp"):
+        run.fit()
+
+
 def test_views_of_several_sizes_share_a_step(tmp_path):
     contexts = []
 
