@@ -16,7 +16,7 @@ from gsfw.commands.interface.runs import RunArgument, find_run, restore_run
 from gsfw.core.background import background_tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.config import AUTO
-from gsfw.core.datamanager import Split
+from gsfw.core.datamanager import Split, Views
 from gsfw.core.embedded_image import image_element
 from gsfw.core.errors import ConfigError, without_inner_frames
 from gsfw.core.exchange import ExportSource, Holds
@@ -126,9 +126,19 @@ class Model:
         Raises:
             ConfigError: there is no such split.
         """
-        _check_choice("cameras", split, [item.value for item in Split])
-        views = self._composition.parts.data.views(Split(split))
-        return tuple(self._in_world(camera) for camera in views.cameras)
+        return tuple(self._in_world(camera) for camera in self._views("cameras", split).cameras)
+
+    def names(self, split: Literal["train", "eval"] = "train") -> tuple[str, ...]:
+        """The names of the capture's images, in the order of ``cameras``.
+
+        Raises:
+            ConfigError: there is no such split.
+        """
+        return self._views("names", split).names
+
+    def _views(self, asked: str, split: str) -> Views:
+        _check_choice(asked, split, [item.value for item in Split])
+        return self._composition.parts.data.views(Split(split))
 
     def camera_path(
         self,

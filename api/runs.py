@@ -194,8 +194,12 @@ class Run:
         return Model(self._found, self._layer, self._restored)
 
     def cameras(self, split: Literal["train", "eval"] = "eval") -> tuple[Cameras, ...]:
-        """The cameras of the held-out or the training views, one per view."""
+        """The cameras of the held-out or the training views, one each, as ``names``."""
         return self.model.cameras(split)
+
+    def names(self, split: Literal["train", "eval"] = "eval") -> tuple[str, ...]:
+        """The names of the images of the held-out or the training views, such as "0001.jpg"."""
+        return self.model.names(split)
 
     def render(
         self,

@@ -53,7 +53,9 @@ def pose_from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Flo
 
 
 def pose_from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
-    """World-to-camera as in files (x right, y down, z forward), made exactly rigid.
+    """World-to-camera, from such a matrix with OpenCV axes (x right, y down, z forward).
+
+    It is made exactly rigid, as a file's rounding would otherwise move cameras.
 
     Raises:
         DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
@@ -70,6 +72,12 @@ def pose_from_center(
     rotation: Float64[Tensor, "3 3"], center: Float64[Tensor, " 3"], where: str
 ) -> Float64[Tensor, "4 4"]:
     """World-to-camera, from its rotation and the camera's position in the world.
+
+    Args:
+        rotation: from axes of the world to those of the camera (OpenCV's); that of a
+            camera-to-world matrix is its transpose.
+        center: position of the camera in the world.
+        where: place in the data set, for messages.
 
     Raises:
         DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.

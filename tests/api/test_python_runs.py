@@ -81,6 +81,8 @@ def test_a_finished_run_is_opened_with_its_figures_views_and_images(finished_run
     assert (run.steps, run.is_finished, run.settings["steps"]) == (20, True, 20)
     cameras = run.cameras()
     assert (len(cameras), len(run.cameras("train"))) == (2, 6)
+    assert run.names() == run.evaluate().views
+    assert len(set(run.names("train"))) == 6
     output = run.render(cameras, background="black", depth=True)
     assert output.color.shape == (2, 24, 32, 3)
     assert output.depth is not None
