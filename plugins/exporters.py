@@ -14,6 +14,7 @@ from gsfw.core.ranges import check_ranges
 from gsfw.plugins.keys import Key, keys, suggest_key
 from gsfw.plugins.loading import load, load_all
 from gsfw.plugins.registry import Registry
+from gsfw.plugins.specs import PROJECT
 from gsfw.plugins.values import as_text, describe, parse
 
 PREFIX = "format."
@@ -23,17 +24,23 @@ PREFIX = "format."
 def format_of(path: Path, registry: Registry) -> str | None:
     """The format that writes files with the suffix of ``path``; ``None`` if none does.
 
-    The longest suffix wins (``.compressed.ply`` before ``.ply``); then the format whose name is the
-    suffix, and then the first by name.
+    The longest suffix wins (``.compressed.ply`` before ``.ply``); then a format of gsfw, so that an
+    installed plugin changes no command; then the format whose name is the suffix, and then the
+    first by name.
     """
     kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
-    name = path.name.lower()
+    specs, name = registry.slot("exporter"), path.name.lower()
     fitting = [
-        (-len(kind.suffix), f".{form}" != kind.suffix, form)
+        (
+            -len(kind.suffix),
+            specs[form].distribution != PROJECT,
+            f".{form}" != kind.suffix,
+            form,
+        )
         for form, kind in kinds.items()
         if kind.suffix and name.endswith(kind.suffix)
     ]
-    return min(fitting)[2] if fitting else None
+    return min(fitting)[-1] if fitting else None
 
 
 def format_for(path: Path, registry: Registry, place: str) -> str:

@@ -50,6 +50,10 @@ class Plain(Exporter):
         path.write_text("plain")
 
 
+class Arrays(Exporter):
+    suffix = ".npz"
+
+
 class Site(Exporter):
     suffix = ""
     is_folder = True
@@ -64,6 +68,7 @@ class Site(Exporter):
 def gsfw_exporters():
     place = "formats_of_a_test:"
     return [
+        Spec("arrays", "the suffix of gsfw's tracks", place + "Arrays"),
         Spec("dots", "dots", place + "Dots"),
         Spec("plain", "plain dots", place + "Plain"),
         Spec("site", "a folder", place + "Site"),
@@ -166,6 +171,7 @@ def test_the_longest_suffix_chooses_the_format():
     assert format_of(Path("A.SMALL.DOTS"), installed()) == "dots"
     assert format_of(Path("a.large.dots"), installed()) == "plain"
     assert format_of(Path("a.ply"), installed()) == "ply"
+    assert format_of(Path("a.npz"), installed()) == "tracks"  # A plugin changes no command.
     assert format_of(Path("site"), installed()) is None
 
 
