@@ -141,7 +141,7 @@ class Method(ABC):
         return {}
 
     def view_images(self, context: ViewContext) -> Mapping[str, Float[Tensor, "h w 3"]]:
-        """The method's own images of one view in [0, 1], by name, for TensorBoard and render."""
+        """The method's own images of a view in [0, 1], by name; reports show them, too."""
         return {}
 
     def report(self) -> Mapping[str, Any]:

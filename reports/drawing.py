@@ -11,9 +11,10 @@ import torch
 from jaxtyping import UInt8
 
 from gsfw.core.cameras import Cameras, shrunk_to
+from gsfw.core.context import ViewContext
 from gsfw.core.datamanager import Split, spread
 from gsfw.core.loop.determinism import deterministic
-from gsfw.core.loop.evaluation import render_model
+from gsfw.core.loop.evaluation import own_images, render_model
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.maths.camera_path import at_times, orbit
 from gsfw.core.metrics import psnr
@@ -134,13 +135,20 @@ def _draw_views(
             continue
         (batch,) = parts.data.load(split, [places[name]], parts.device)
         output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
-        rendered, target = output.color[0], batch.target(settings.background)[0]
+        targets = batch.target(settings.background)
+        rendered, target = output.color[0], targets[0]
         valid = None if batch.valid is None else batch.valid[0]
         counted = rendered if valid is None else torch.where(valid, rendered, target)
         photo, image = fitted(target, LONGEST), fitted(rendered, LONGEST)
         wrong = error.draw(fitted(counted, LONGEST), photo)
-        files = (webp(item, IMAGE_BYTES) for item in (photo, image, wrong))
-        drawn.append(ViewPicture(name, label, psnr(rendered, target, valid), *files))
+        files = [webp(item, IMAGE_BYTES) for item in (photo, image, wrong)]
+        context = ViewContext(batch, output, targets, parts.data.scene.extent)
+        own = {
+            kind: webp(fitted(item, LONGEST), IMAGE_BYTES)
+            for kind, item in own_images(parts.method, context).items()
+        }
+        figure = psnr(rendered, target, valid)
+        drawn.append(ViewPicture(name, label, figure, files[0], files[1], files[2], own))
         if name == middle:
             still = webp(fitted(rendered, STILL_LONGEST), STILL_BYTES)
     drawn.sort(key=lambda view: math.inf if math.isnan(view.psnr) else view.psnr)

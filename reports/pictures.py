@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,8 @@ class ViewPicture:
     target: bytes
     rendered: bytes
     error: bytes
+    own: Mapping[str, bytes] = field(default_factory=dict)
+    """The method's own images (``Method.view_images``), by name."""
 
 
 @dataclass(frozen=True)
@@ -106,12 +108,16 @@ def store_pictures(folder: RunFolder, pictures: Pictures) -> None:
     for place, view in enumerate(pictures.views):
         for kind in ("target", "rendered", "error"):
             write_atomically(home / f"{place:02d}_{kind}.webp", getattr(view, kind))
+        for number, content in enumerate(view.own.values()):
+            write_atomically(_own_file(home, place, number), content)
     for name in ("still", "orbit"):
         if content := getattr(pictures, name):
             write_atomically(home / f"{name}.webp", content)
     empty = replace(pictures, views=())
     document = {**asdict(empty), "still": bool(pictures.still), "orbit": bool(pictures.orbit)}
-    views = [{"name": v.name, "label": v.label, "psnr": v.psnr} for v in pictures.views]
+    views = [
+        {"name": v.name, "label": v.label, "psnr": v.psnr, "own": [*v.own]} for v in pictures.views
+    ]
     document |= {"schema": SCHEMA, "views": [{**v, "file": i} for i, v in enumerate(views)]}
     write_atomically(home / INDEX, (json_text(document, indent=1) + "\n").encode())
 
@@ -119,8 +125,19 @@ def store_pictures(folder: RunFolder, pictures: Pictures) -> None:
 def _read_view(home: Path, item: Mapping[str, Any]) -> ViewPicture:
     place = int(item["file"])
     psnr = math.nan if item["psnr"] is None else float(item["psnr"])
-    kinds = (_read(home / f"{place:02d}_{kind}.webp") for kind in ("target", "rendered", "error"))
-    return ViewPicture(str(item["name"]), str(item["label"]), psnr, *kinds)
+    target, rendered, error = (
+        _read(home / f"{place:02d}_{kind}.webp") for kind in ("target", "rendered", "error")
+    )
+    own = {
+        str(name): _read(_own_file(home, place, number))
+        for number, name in enumerate(item.get("own", ()))  # Earlier files have none.
+    }
+    return ViewPicture(str(item["name"]), str(item["label"]), psnr, target, rendered, error, own)
+
+
+def _own_file(home: Path, place: int, number: int) -> Path:
+    """File of an image of the method, whose name may be no name of a file."""
+    return home / f"{place:02d}_own_{number}.webp"
 
 
 def _read(path: Path) -> bytes:

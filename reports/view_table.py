@@ -133,22 +133,32 @@ def _stretch(
         more = "more " if drawn else ""
         return folded(f"{len(views):,} {more}views{between}", listed)
     titles = [element("th", text, {"scope": "col"}) for text in head]
-    titles += [element("th", text, {"scope": "col", "class": "image"}) for _, text in KINDS]
-    rows = [element("tr", _row(view, names, drawn[view["name"]], limits)) for view in views]
+    own = list(dict.fromkeys(name for view in views for name in drawn[view["name"]].own))
+    kinds = [*(text for _, text in KINDS), *map(metric_name, own)]
+    titles += [element("th", text, {"scope": "col", "class": "image"}) for text in kinds]
+    rows = [element("tr", _row(view, names, drawn[view["name"]], own, limits)) for view in views]
     body = [element("thead", element("tr", titles)), element("tbody", rows)]
     return div("wide", element("table", body, {"class": "views"}))
 
 
 def _row(
-    view: View, names: Sequence[str], picture: ViewPicture, limits: tuple[float, float]
+    view: View,
+    names: Sequence[str],
+    picture: ViewPicture,
+    own: Sequence[str],
+    limits: tuple[float, float],
 ) -> list[Markup]:
-    """The cells of a view with images."""
+    """The cells of a view with images; ``own`` are the names of those of the method."""
     tag = div(f"tag {picture.label}", picture.label) if picture.label else NOTHING
     cells = [element("td", [div("name", str(view["name"])), tag])]
     for name, cell in zip(names, _cells(view, names, limits), strict=True):
         cells.append(element("td", [span("label", f"{metric_name(name)} "), cell]))
-    for kind, text in KINDS:
-        content = getattr(picture, kind)
+    images = [(text, getattr(picture, kind)) for kind, text in KINDS]
+    images += [(metric_name(name), picture.own.get(name, b"")) for name in own]
+    for text, content in images:
+        if not content:
+            cells.append(element("td", "-", {"class": "image"}))
+            continue
         attributes = {
             "src": webp_uri(content),
             "style": f"width:{aspect(content) * IMAGE_HEIGHT:.0f}px",

@@ -179,6 +179,7 @@ def evaluate(
     return comparison.evaluation(views.names, per_view, middle)
 
 
+@torch.no_grad()
 def own_images(method: Method, context: ViewContext) -> Mapping[str, Float[Tensor, "h w 3"]]:
     """The method's own images of a view, by name.
 

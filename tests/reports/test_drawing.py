@@ -1,6 +1,7 @@
 """Choice of the drawn views, colours of errors, and sizes of the files."""
 
 import sys
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -85,6 +86,7 @@ def test_without_its_package_errors_are_absolute_and_say_so(monkeypatch):
 def pictures():
     image = webp(noise(4, 6), 10_000)
     views = tuple(ViewPicture(f"<{i}>", "worst", 20.0 + i, image, image, image) for i in range(2))
+    views = (replace(views[0], own={"a/depth": webp(noise(5, 6), 10_000)}), views[1])
     return Pictures(5, "eval", "absolute", views, image, "<0>", image, True)
 
 

@@ -15,6 +15,7 @@ from gsfw.core.files.folder_lock import only_one
 from gsfw.core.loop.checkpoint_file import checkpoint_environment
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.words import size
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.reports.drawing import DrawingRule
 from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.page_limit import MOST_BYTES
@@ -342,6 +343,20 @@ def test_metrics_of_plugins_have_tiles_and_columns(tmp_path):
     text = page_of(folder).text
     assert "my metric 0.2500" in text
     assert "0.7500" in text
+
+
+@pytest.mark.slow
+def test_images_of_a_method_are_beside_those_of_its_views(own_run, monkeypatch):
+    def view_images(method, context):
+        return {"cover_age": context.rendered.alpha[0].expand(-1, -1, 3)}
+
+    monkeypatch.setattr(StaticGaussiansMethod, "view_images", view_images)
+    shutil.rmtree(own_run / "report", ignore_errors=True)
+    assert main(["report", str(own_run)]) == 0
+    found = stored_pictures(RunFolder(own_run))
+    assert found is not None
+    assert all([*view.own] == ["cover_age"] for view in found.views)
+    assert (own_run / PAGE).read_text().count('data-kind="cover age"') == len(found.views) > 0
 
 
 @pytest.mark.parametrize("more", [{}, {"exposure": "learnt for training images"}])
