@@ -77,7 +77,7 @@ def test_damaged_files_end_in_splats_or_in_words(known, tmp_path, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_many_damaged_files_end_in_splats_or_in_words(known, tmp_path, name):
-    assert complaints(known[name], tmp_path, 10_700, first=300) == []
+    assert complaints(known[name], tmp_path, 3_700, first=300) == []
 
 
 @pytest.mark.parametrize("name", DAILY)
