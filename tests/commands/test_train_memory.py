@@ -63,8 +63,8 @@ def test_in_a_real_control_group_large_runs_are_refused_and_small_ones_train(tmp
 def test_in_a_real_control_group_a_growing_run_ends_in_words_where_it_would_be_killed(tmp_path):
     grows = (
         *(word for word in WORDS if not word.startswith("steps=")),
-        *("steps=120", "strategy.refine_start=10", "strategy.refine_every=10"),
-        *("strategy.refine_stop=120", "strategy.grow_gradient=1e-9", "strategy.reset_every=0"),
+        *("steps=80", "strategy.refine_start=10", "strategy.refine_every=10"),
+        *("strategy.refine_stop=80", "strategy.grow_gradient=1e-9", "strategy.reset_every=0"),
         *("strategy.max_gaussians=0", "datamanager.points=20000", "eval_every=0"),
     )
 
