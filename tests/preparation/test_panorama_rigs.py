@@ -225,7 +225,7 @@ def assert_one_centre_each(model: pycolmap.Reconstruction, count: int) -> None:
 @pytest.mark.slow
 def test_panoramas_have_their_true_places_and_photos_among_them_a_lens_of_their_own(tmp_path):
     walk, focal = Walk.of(5), 400.0
-    walk.write(tmp_path / "photos", 768)
+    walk.write(tmp_path / "photos", 640)
     places = walk.centers + np.array([0.15, 0.1, -0.1])
     y, x = np.mgrid[:360, :480] + 0.5
     rays = np.stack([(x - 240) / focal, (y - 180) / focal, np.ones_like(x)], axis=-1)
