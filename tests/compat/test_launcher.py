@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from support.forks import ended_forks
 
 SCRIPTS = Path(__file__).parent / "scripts"
 
@@ -79,36 +80,63 @@ def test_without_a_gpu_an_installed_module_is_replaced_and_the_first_line_says_s
     assert "there is no GPU, so installed ones are replaced too" in first
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("code", "exit_code", "said"),
-    [
-        ("import lpipsy", 2, "train.py:2: the package 'lpipsy' is not installed."),
-        ("import lpipsy", 2, "put --without lpipsy before the script."),
-        ("import diff_surfel_rasterization", 2, "gsfw train method=2dgs"),
-        (
-            "from diff_gaussian_rasterization import SparseGaussianAdam",
-            2,
-            "train.py:2: gsfw.compat does not support "
-            "diff_gaussian_rasterization.SparseGaussianAdam.",
-        ),
-        ("import diff_gaussian_rasterization._C", 2, "support diff_gaussian_rasterization._C."),
-        ("image, radii, depth, alpha = (1, 2)", 1, "its fork returns 4 results"),
-        ("assert torch.cuda.is_available(), 'no GPU'", 1, "put --claim-gpu before the script"),
-        ("image, radii, depth = (1, 2)", 1, "--third depth or --third invdepth"),
-        (
-            "from gsplat import rasterization_2dgs\nrasterization_2dgs()",
-            2,
-            "train.py:3: gsplat: gsfw.compat does not support rasterization_2dgs.",
-        ),
-        ("raise RuntimeError('its own')", 1, "RuntimeError: its own"),
-    ],
+REFUSED = (
+    ("import lpipsy", 2, "train.py:2: the package 'lpipsy' is not installed."),
+    ("import lpipsy", 2, "put --without lpipsy before the script."),
+    ("import diff_surfel_rasterization", 2, "gsfw train method=2dgs"),
+    (
+        "from diff_gaussian_rasterization import SparseGaussianAdam",
+        2,
+        "train.py:2: gsfw.compat does not support diff_gaussian_rasterization.SparseGaussianAdam.",
+    ),
+    ("import diff_gaussian_rasterization._C", 2, "support diff_gaussian_rasterization._C."),
+    ("image, radii, depth, alpha = (1, 2)", 1, "its fork returns 4 results"),
+    ("assert torch.cuda.is_available(), 'no GPU'", 1, "put --claim-gpu before the script"),
+    ("image, radii, depth = (1, 2)", 1, "--third depth or --third invdepth"),
+    (
+        "from gsplat import rasterization_2dgs\nrasterization_2dgs()",
+        2,
+        "train.py:3: gsplat: gsfw.compat does not support rasterization_2dgs.",
+    ),
+    ("raise RuntimeError('its own')", 1, "RuntimeError: its own"),
 )
-def test_what_a_script_cannot_do_is_said_with_its_line_and_a_remedy(
-    tmp_path, code, exit_code, said
-):
-    (tmp_path / "train.py").write_text(f"import torch\n{code}\n")
-    done = launched(tmp_path / "train.py")
+"""Code of scripts, and with which code and words they end."""
+
+LOADED = """
+from importlib import import_module
+import torch._dynamo
+from gsfw.compat import explanation, replacement
+for places in replacement.MODULES.values():
+    for place in places.values():
+        import_module(f"gsfw.compat.{place}")
+"""
+"""What every launch loads."""
+
+LAUNCH = """
+import runpy
+sys.argv[1:] = [{script!r}]
+runpy.run_module("gsfw.compat", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def refused(tmp_path_factory) -> dict[str, subprocess.CompletedProcess[str]]:
+    """Each script of ``REFUSED`` as the launcher ends it, by its code."""
+    folder = tmp_path_factory.mktemp("refused")
+    codes = list(dict.fromkeys(code for code, _, _ in REFUSED))
+    programs = {}
+    for number, code in enumerate(codes):
+        script = folder / str(number) / "train.py"
+        script.parent.mkdir()
+        script.write_text(f"import torch\n{code}\n")
+        programs[f"said{number}"] = LAUNCH.format(script=str(script))
+    return dict(zip(codes, ended_forks(LOADED, programs, folder).values(), strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("code", "exit_code", "said"), REFUSED)
+def test_what_a_script_cannot_do_is_said_with_its_line_and_a_remedy(refused, code, exit_code, said):
+    done = refused[code]
     assert done.returncode == exit_code
     assert said in done.stderr
     assert (exit_code == 1) == ("Traceback" in done.stderr)

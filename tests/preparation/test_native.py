@@ -1,13 +1,10 @@
 """Signals after COLMAP was loaded, in processes of their own: it is loaded only once."""
 
-import json
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.forks import ended_forks
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.kernels.cpu.native_module import native
@@ -73,35 +70,14 @@ PROGRAMS = {
     **{"loaded": LOADED, "ended": ENDED, "held": HELD},
     **{moment: ABORTS.format(moment=moment) for moment in ("inside", "between", "after")},
 }
-FORKS = """
-import json, os, sys
-import gsfw.preparation.native  # It takes a second, and loads no COLMAP.
-
-said = {}
-for name, program in json.loads(sys.argv[1]).items():
-    files = [open(os.path.join(sys.argv[2], name + end), "w+") for end in (".out", ".err")]
-    child = os.fork()
-    if child == 0:
-        for number, file in enumerate(files, 1):
-            os.dup2(file.fileno(), number)
-        exec(program)
-        sys.exit()
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    said[name] = [code, *(open(file.name).read() for file in files)]
-print(json.dumps(said))
-"""
-"""Runs each program in a fork of its own."""
 
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory) -> dict[str, tuple[int, str, str]]:
     """Exit code, standard output and standard error of each program."""
-    if not hasattr(os, "fork"):
-        pytest.skip("this system has no fork")
-    folder = tmp_path_factory.mktemp("said")
-    command = [sys.executable, "-c", FORKS, json.dumps(PROGRAMS), str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    return {name: tuple(found) for name, found in json.loads(done.stdout).items()}
+    prelude = "import gsfw.preparation.native"  # It takes a second, and loads no COLMAP.
+    done = ended_forks(prelude, PROGRAMS, tmp_path_factory.mktemp("said"))
+    return {name: (one.returncode, one.stdout, one.stderr) for name, one in done.items()}
 
 
 @pytest.mark.slow
