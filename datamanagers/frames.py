@@ -129,10 +129,7 @@ class Frame:
             return
         advice = "Use the images that the cameras were computed from"
         if (height, width) == (self.lens.width, self.lens.height):
-            advice += (
-                "; these are turned by 90 degrees (gsfw always applies EXIF orientation, so remove "
-                "that tag if the cameras describe the image as stored)"
-            )
+            advice += "; these are turned by 90 degrees, and their EXIF data does not say so"
         raise DataError(
             f"{self.path} is {self.header}, but {self.lens.source} describes "
             f"{self.lens.width}x{self.lens.height}.",

@@ -19,6 +19,7 @@ from gsfw.datamanagers.frames import Frame, no_points
 from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, read_points
+from gsfw.datamanagers.upright import upright
 
 
 @dataclass
@@ -115,8 +116,9 @@ class ImageFolder:
     def frame(
         self, image: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
     ) -> Frame:
-        """The frame of one of these images."""
-        return Frame(self.name(image), image, read_header(image), lens, world_to_camera, camera)
+        """The upright frame of one of these images."""
+        header = read_header(image)
+        return upright(Frame(self.name(image), image, header, lens, world_to_camera, camera))
 
     def _is_at(self, image: Path, key: str) -> bool:
         """True if ``key`` is the image's path, with or without its extension."""

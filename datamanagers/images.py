@@ -1,6 +1,7 @@
 """DecodedImage files: headers, decoding to upright 8-bit colours, masks.
 
-Policy on EXIF orientation: it is always applied, and a camera describes the upright image.
+Policy on EXIF orientation: it is always applied. Cameras that describe the image as stored are
+turned with it (``upright``).
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from gsfw.datamanagers.image_folder import ImageFolderConfig
 from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.poses import pose_from_center
+from gsfw.datamanagers.upright import upright
 
 FILE = "poses_bounds.npy"
 
@@ -118,7 +119,7 @@ class LlffConfig(ImageFolderConfig):
             lens, pose = row_camera(row, f"{file}: row {number} ({path.name})")
             # Which row a lens is of does not make it another camera.
             lens = replace(lens, source=str(file))
-            frames.append(Frame(path.name, path, read_header(path), lens, pose))
+            frames.append(upright(Frame(path.name, path, read_header(path), lens, pose)))
         numbers = {
             lens: number for number, lens in enumerate(dict.fromkeys(f.lens for f in frames))
         }

@@ -190,10 +190,10 @@ def _frames(content: JsonFields, images: ImageFolder) -> tuple[list[Frame], list
             read = JsonFields.of(known[key], content.path, f"camera {key}")
             cameras[key] = len(cameras), read_lens(read, header)
         camera, lens = cameras[key]
-        if _same_shape(lens, header.width, header.height):
-            lens = lens.resized(header.width, header.height)
-        pose = _pose(shot)
-        frames.append(Frame(images.name(image), image, header, lens, pose, camera))
+        frame = images.frame(image, lens, _pose(shot), camera)
+        if _same_shape(frame.lens, header.width, header.height):
+            frame = replace(frame, lens=frame.lens.resized(header.width, header.height))
+        frames.append(frame)
     return frames, missing
 
 

@@ -23,6 +23,7 @@ from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import DEPTH, MILLIMETRE, MapFile
 from gsfw.datamanagers.poses import pose_from_opengl, read_rows
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, read_lens
+from gsfw.datamanagers.upright import upright
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
 """File names of NeRF-synthetic and D-NeRF, which have one file per split."""
@@ -118,7 +119,7 @@ class TransformsFile:
 
     def _frame(self, name: str, entry: JsonFields, image: Path) -> Frame:
         header = read_header(image)
-        return Frame(
+        frame = Frame(
             name=name,
             path=image,
             header=header,
@@ -130,6 +131,7 @@ class TransformsFile:
             moving=self._named(entry, "motion_mask_path", "let evaluation detect what moves"),
             maps=self._maps(entry),
         )
+        return upright(frame)
 
     def _whole(self, entry: JsonFields) -> JsonFields:
         """The settings of a frame, and those of the file that it does not have."""

@@ -18,6 +18,7 @@ from gsfw.datamanagers.detection import describe_unrecognised
 from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.poses import pose_from_quaternion
+from gsfw.datamanagers.upright import upright
 
 LOOKED_FOR = "cameras, images and points3D (.bin or .txt) in sparse/0, in sparse, or in the folder"
 
@@ -100,5 +101,5 @@ def frames_of(model: ColmapModel, folder: Path) -> tuple[tuple[Frame, ...], list
             ),
             camera=used.index(image.camera),
         )
-        frames.append(frame)
+        frames.append(upright(frame))
     return tuple(frames), missing

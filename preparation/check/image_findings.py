@@ -251,7 +251,7 @@ def _turned(survey: Survey) -> Iterator[Finding]:
             Weight.NOTE,
             f"{len(turned)} of {len(survey.viewpoints)} images carry an EXIF orientation, which "
             f"gsfw applies: {listed(turned)}.",
-            "Their cameras have to describe the upright images.",
+            "Cameras of the images as stored are turned with them.",
             "If results are sideways, remove that tag from the files.",
             turned,
         )

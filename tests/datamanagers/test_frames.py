@@ -20,8 +20,8 @@ from gsfw.datamanagers.lens import Lens
 LENS = Lens(70.0, 72.0, 31.0, 25.5, 64, 48, "camera 1 of cameras.bin")
 
 
-def frame(width: int, height: int, orientation: int = 1) -> Frame:
-    header = Header(width, height, has_alpha=False, orientation=orientation)
+def frame(width: int, height: int) -> Frame:
+    header = Header(width, height, has_alpha=False)
     return Frame("a.jpg", Path("a.jpg"), header, LENS, torch.eye(4).double())
 
 
@@ -56,11 +56,11 @@ def test_a_size_that_contradicts_the_camera_names_both(width, height):
     )
 
 
-def test_an_image_that_exif_turns_away_from_its_camera_is_explained():
+def test_an_image_that_was_turned_away_from_its_camera_is_explained():
     with pytest.raises(DataError) as error:
-        frame(48, 64, orientation=6).camera_at(1.0)
-    assert "a.jpg is 48x64 pixels (EXIF orientation 6), but" in str(error.value)
-    assert "gsfw always applies EXIF orientation, so remove that tag" in str(error.value)
+        frame(48, 64).camera_at(1.0)
+    assert "a.jpg is 48x64 pixels, but camera 1 of cameras.bin" in str(error.value)
+    assert "these are turned by 90 degrees, and their EXIF data does not say so" in str(error.value)
 
 
 def test_a_locale_without_utf_8_is_named_beside_images_that_are_missing(tmp_path, monkeypatch):

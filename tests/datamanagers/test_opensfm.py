@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 import torch
+from PIL import Image
+from PIL.ExifTags import Base
 from support.foreign_cameras import brown, equidistant, pixel_error, undistorted_error
 from support.refusals import failure_of
 from support.small_captures import (
@@ -82,6 +84,26 @@ def test_numbers_are_those_of_any_size_of_the_image(tmp_path):
     said = failure(write(tmp_path, reconstruction(turned)))
     assert "view_000.png is 64x48 pixels, but " in said
     assert ": camera v2 unknown" in said
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_cameras_describe_images_as_stored(tmp_path, factor):
+    """Portrait photos of OpenSfM 0.5 (github.com/arjunkurup/sfm-data-bathtub) are stored sideways.
+
+    Its shots have "orientation": 6, and its cameras the size of the stored images.
+    """
+    write(tmp_path)
+    for file in (tmp_path / "images").iterdir():
+        exif = Image.Exif()
+        exif[Base.Orientation] = 6
+        Image.open(file).resize((WIDTH // factor, HEIGHT // factor)).save(file, exif=exif)
+    data = build(tmp_path)
+    for frame in data.recording.frames:
+        pose = frame.world_to_camera.numpy()
+        local = ring().points @ pose[:3, :3].T + pose[:3, 3]
+        u, v = ring().pixels(ring().names.index(frame.name), 1 / factor).T
+        seen = frame.lens.project(local[:, :2] / local[:, 2:])
+        assert np.allclose(seen, np.stack([HEIGHT / factor - v, u], axis=1), atol=0.01)
 
 
 def test_opendronemaps_folders_are_known(tmp_path):
