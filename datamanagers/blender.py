@@ -51,6 +51,7 @@ class BlenderConfig(CaptureConfig):
         # Without a split of its own the data set's images are held out by name, as any others.
         frames, missing = files["train"].frames(Split.TRAIN if held else None)
         notes = [f"{files['train'].path}: {len(frames) + len(missing)} frames"]
+        notes += files["train"].path_note()
         if held:
             held_frames, held_missing = held.frames(Split.EVAL)
             notes.append(f"{held.path}: {len(held_frames) + len(held_missing)} frames")

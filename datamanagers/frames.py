@@ -245,8 +245,12 @@ def _alike(missing: Sequence[str], folder: Path) -> str:
     return next((name for name in found if name not in names and name_key(name) in keys), "")
 
 
-def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
+def missing_images(
+    missing: Sequence[str], total: int, looked_in: Path, *, has_setting: bool = False
+) -> tuple[str, ...]:
     """The note on frames whose images are not on disk; none when all are there.
+
+    ``has_setting`` is true for formats with the setting datamanager.images.
 
     Raises:
         DataError: none of the images is there, or their folder cannot be read.
@@ -269,6 +273,7 @@ def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple
                 os.stat(f"{looked_in}/.")  # A folder may be listed, and its files be out of reach.
         raise DataError(
             f"none of the {total} images is in {looked_in} (looked for {shown}){hint}.",
-            "Put the images there, or name their folder (datamanager.images=DIR).",
+            "Put the images there"
+            + (", or name their folder (datamanager.images=DIR)." if has_setting else "."),
         )
     return (f"{len(missing)} of {total} images are not on disk and are left out: {shown}{hint}",)

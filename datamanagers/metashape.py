@@ -56,7 +56,7 @@ class MetashapeConfig(ImageFolderConfig):
                 *left_out(chunk.disabled, "that are disabled in Metashape"),
                 *left_out(chunk.unaligned, "that Metashape did not align"),
                 *left_out(chunk.slaves, "of a rig's slave cameras, which are not read,"),
-                *missing_images(missing, total, images.path),
+                *missing_images(missing, total, images.path, has_setting=True),
                 *point_note,
             ),
             up=chunk.up,

@@ -82,7 +82,7 @@ class OpenMvgConfig(ImageFolderConfig):
             notes=(
                 f"{file}: {len(views)} views, {len(points)} points",
                 *left_out(without, "without a pose"),
-                *missing_images(missing, len(placed), images.path),
+                *missing_images(missing, len(placed), images.path, has_setting=True),
                 *point_note,
             ),
             up="-y",

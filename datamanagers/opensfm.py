@@ -125,7 +125,7 @@ class OpenSfmConfig(ImageFolderConfig):
             notes=(
                 f"{file}: {total} shots, {len(points)} points",
                 *others,
-                *missing_images(missing, total, images.path),
+                *missing_images(missing, total, images.path, has_setting=True),
                 *point_note,
                 *_reference(content),
             ),

@@ -79,7 +79,7 @@ class RealityCaptureConfig(ImageFolderConfig):
             point_colors=colors,
             notes=(
                 f"{file}: {len(rows)} cameras",
-                *missing_images(missing, len(rows), images.path),
+                *missing_images(missing, len(rows), images.path, has_setting=True),
                 *point_note,
             ),
             up="z",

@@ -67,6 +67,7 @@ def _recording(file: TransformsFile) -> Recording:
         point_colors=colors,
         notes=(
             f"{file.path}: {len(listed) + len(missing)} frames, {len(points)} points",
+            *file.path_note(),
             *missing_note,
             *split_note,
             *point_note,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import cached_property
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from gsfw.core.batch import Resampling
@@ -71,7 +72,7 @@ class TransformsFile:
         frames, missing = [], []
         for index, entry in enumerate(self.content["frames"]):
             numbered = JsonFields.of(entry, self.path, f"frame {index} (counted from 0)")
-            name = plain_name(numbered.text("file_path"))
+            name = self._name(numbered.text("file_path"))
             if not name:
                 raise numbered.refuse("file_path", "the path of an image")
             image = self.find(name)
@@ -81,6 +82,35 @@ class TransformsFile:
             fields = replace(numbered, where=f"frame {name}")
             frames.append(replace(self._frame(name, fields, image), split=split))
         return frames, missing
+
+    @cached_property
+    def _dropped(self) -> int:
+        """Number of leading folders of the stated paths that are not in the file's folder.
+
+        instant-ngp's colmap2nerf.py writes paths relative to the folder that it was started in.
+        """
+        stated = [str(entry.get("file_path", "")) for entry in self.content["frames"]]
+        paths = [PurePosixPath(plain_name(name)).parts for name in stated]
+        for count in range(min(map(len, paths))):
+            ends = [parts[count:] for parts in paths]
+            distinct = len(set(ends)) == len(set(paths))
+            if distinct and any(self.find(PurePosixPath(*end).as_posix()) for end in ends):
+                return count
+        return 0
+
+    def _name(self, file_path: str) -> str:
+        """The name of an image, from where it is in the file's folder on."""
+        name = plain_name(file_path)
+        parts = PurePosixPath(name).parts
+        return PurePosixPath(*parts[self._dropped :]).as_posix() if self._dropped else name
+
+    def path_note(self) -> tuple[str, ...]:
+        """The note on folders of the stated paths that are left out; none if none are."""
+        if not self._dropped:
+            return ()
+        parts = PurePosixPath(plain_name(str(self.content["frames"][0]["file_path"]))).parts
+        left_out = PurePosixPath(*parts[: self._dropped]).as_posix()
+        return (f"images are found without the beginning of their paths ({left_out}/)",)
 
     @property
     def numbers_cameras(self) -> bool:
@@ -109,7 +139,7 @@ class TransformsFile:
         if not self.content.get(key):
             return frozenset()
         names = JsonFields.of(self.content, self.path).texts(key)
-        return frozenset(plain_name(name) for name in names)
+        return frozenset(self._name(name) for name in names)
 
     def find(self, name: str) -> Path | None:
         """A file that the JSON names, with or without its extension."""
@@ -155,7 +185,7 @@ class TransformsFile:
         name = entry.values.get(key)
         if not name:
             return None
-        mask = self.find(plain_name(str(name)))
+        mask = self.find(self._name(str(name)))
         if mask is None:
             raise DataError(
                 f"{entry.at}: its {noun} {name} is not on disk.",

@@ -59,7 +59,7 @@ class ColmapConfig(CaptureConfig):
         if len(folders) > 1:
             others = ", ".join(str(other) for other in folders[1:])
             notes.append(f"used the largest of {len(folders)} models; the others are {others}")
-        notes.extend(missing_images(missing, len(model.images), folder))
+        notes.extend(missing_images(missing, len(model.images), folder, has_setting=True))
         return Recording(
             name=root.resolve().name,
             path=path,

@@ -113,10 +113,12 @@ def test_missing_images_are_listed_up_to_five(tmp_path):
 def test_a_data_set_without_any_image_is_refused():
     with pytest.raises(DataError) as error:
         missing_images(["a.png", "b.png"], 2, Path("data/images"))
-    assert str(error.value) == (
-        "none of the 2 images is in data/images (looked for a.png, b.png).\n"
-        "Put the images there, or name their folder (datamanager.images=DIR)."
-    )
+    found = "none of the 2 images is in data/images (looked for a.png, b.png).\n"
+    assert str(error.value) == f"{found}Put the images there."
+    with pytest.raises(DataError) as error:
+        missing_images(["a.png", "b.png"], 2, Path("data/images"), has_setting=True)
+    advice = "Put the images there, or name their folder (datamanager.images=DIR)."
+    assert str(error.value) == f"{found}{advice}"
 
 
 def test_a_format_that_reads_files_wants_one():

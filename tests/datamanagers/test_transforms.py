@@ -125,6 +125,37 @@ def test_file_paths_may_lack_their_extension_and_use_backslashes(tmp_path):
     assert build(tmp_path).views(Split.TRAIN).names[0] == "images/view_000"
 
 
+@pytest.mark.parametrize("start", ["./data_b/", "../photos\\new/", "./../../data/scan24/"])
+def test_paths_relative_to_another_folder_lead_to_the_images_by_their_ends(folder, start):
+    """Paths of colmap2nerf.py (instant-ngp), which writes them relative to its working folder.
+
+    So in github.com/HexGP/nerf-prep, antoniocarevic/diplomski123 and houchenfeng/desplat.
+    """
+    write(folder)
+    content = json.loads((folder / "transforms.json").read_text())
+    names = [frame["file_path"] for frame in content["frames"]]
+    for frame in content["frames"]:
+        frame["file_path"] = start + frame["file_path"]
+    content["test_filenames"] = [start + names[0]]
+    (folder / "transforms.json").write_text(json.dumps(content))
+    data = build(folder)
+    assert [frame.name for frame in data.recording.frames] == names
+    assert data.views(Split.EVAL).names == (names[0],)
+    left_out = start.replace("\\", "/").removeprefix("./")
+    note = f"images are found without the beginning of their paths ({left_out})"
+    assert note in data.notes()
+    assert projection_error(data, ring()) < 0.01
+
+
+def test_ends_of_paths_that_do_not_tell_images_apart_are_not_used(folder):
+    write(folder)
+    content = json.loads((folder / "transforms.json").read_text())
+    for number, frame in enumerate(content["frames"]):
+        frame["file_path"] = f"camera_{number}/{content['frames'][0]['file_path'].split('/')[-1]}"
+    (folder / "transforms.json").write_text(json.dumps(content))
+    assert f"none of the {len(content['frames'])} images is in" in str(failure(folder))
+
+
 def test_frames_whose_files_are_missing_are_listed_and_left_out(folder):
     write(folder)
     (folder / "view_002.png").unlink()
