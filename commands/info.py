@@ -147,8 +147,10 @@ def _check_known(what: str, registry: Registry) -> None:
         DataError: no data manager recognises it.
     """
     from gsfw.core.errors import DataError
+    from gsfw.core.files.reading import check_downloaded
     from gsfw.plugins.automatic import choose_datamanager
 
+    check_downloaded(Path(what))
     try:
         choose_datamanager(what, registry)
     except DataError:

@@ -20,6 +20,7 @@ from PIL.ExifTags import Base
 from gsfw.core.errors import DataError
 from gsfw.core.files.bounded_file import BoundedFile
 from gsfw.core.files.mirror import held
+from gsfw.core.files.reading import check_downloaded
 from gsfw.datamanagers.area import (
     STRIP,
     shrink,
@@ -305,6 +306,7 @@ def _opened(
     except DataError:
         raise
     except Exception as error:  # Pillow's decoders raise whatever a broken file makes them.
+        check_downloaded(path)
         raise DataError(
             f"{path}: {_reason(path, error)}",
             "Replace the file, or remove it: images that are missing are left out.",

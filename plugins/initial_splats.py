@@ -9,6 +9,7 @@ import torch
 from gsfw.core.config import INIT_WORDS
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Importer, SplatFile
+from gsfw.core.files.reading import check_downloaded
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
@@ -51,6 +52,7 @@ def find_importer(path: Path, registry: Registry) -> Importer:
     """
     if not path.exists():
         raise DataError(f"{path}: there is no such file.", what_is_missing(path))
+    check_downloaded(path)
     name = importer_of(path, registry)
     if name is None:
         what = "contains no splats" if path.is_dir() else "is not a splat file"

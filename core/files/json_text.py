@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import COPY_AGAIN, DataError
+from gsfw.core.files.reading import check_downloaded
 
 DEEPEST = 100
 """Most lists and objects within each other that are read; files of gsfw and of known tools have
@@ -73,6 +74,7 @@ def read_json(path: Path, advice: str = COPY_AGAIN) -> Any:  # noqa: ANN401
     try:
         return parsed_json(path.read_bytes())
     except (OSError, ValueError) as error:
+        check_downloaded(path)
         raise DataError(f"{path} cannot be read as JSON: {error}.", advice) from error
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from gsfw.core.errors import COPY_AGAIN, DataError
-from gsfw.core.files.reading import first_bytes, readable
+from gsfw.core.files.reading import check_downloaded, first_bytes, readable
 
 MAX_HEADER = 1 << 16
 """Longest header in bytes; the longest known layout of splats has 3,000."""
@@ -197,6 +197,7 @@ def read_ply_header(path: Path) -> PlyHeader:
         start = file.read(MAX_HEADER)
     opening = re.match(rb"ply(\r\n|\n|\r)", start)
     if opening is None:
+        check_downloaded(path)
         raise DataError(f"{path} is not a PLY file: it does not begin with 'ply'.")
     line_break = opening[1]
     head, ending, _ = start.partition(line_break + b"end_header" + line_break)

@@ -9,6 +9,9 @@ from pathlib import Path
 
 from gsfw.core.errors import DataError
 
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""Start of the text that Git leaves in place of a file that Git LFS has not downloaded."""
+
 
 def is_file(path: Path) -> bool:
     """True if there is a file whose name comes from elsewhere.
@@ -54,6 +57,19 @@ def first_bytes(path: Path, count: int) -> bytes:
             return file.read(count)
     except OSError:
         return b""
+
+
+def check_downloaded(path: Path) -> None:
+    """Refuse the text that stands for a file of Git LFS.
+
+    Raises:
+        DataError: the path leads to such a text.
+    """
+    if first_bytes(path, len(LFS_POINTER)) == LFS_POINTER:
+        raise DataError(
+            f"{path} is a pointer of Git LFS to the file, which was not downloaded.",
+            "Run git lfs pull in its repository, or download the file itself.",
+        )
 
 
 def bytes_of(path: Path) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.reading import check_downloaded
 
 CAMERA_MODELS = (
     ("SIMPLE_PINHOLE", 3),
@@ -106,7 +107,12 @@ def _images_bytes(folder: Path) -> int:
 
 
 def damaged(file: Path, what: str) -> DataError:
-    """The error for a model file that cannot be what it claims to be."""
+    """The error for a model file that cannot be what it claims to be.
+
+    Raises:
+        DataError: the file was not downloaded.
+    """
+    check_downloaded(file)
     return DataError(
         f"{file} is cut off or damaged: {what}.",
         "Copy the model again, or write it anew with colmap model_converter.",

@@ -5,7 +5,13 @@ import os
 import pytest
 
 from gsfw.core.errors import DataError
+from gsfw.core.files.json_text import read_json
+from gsfw.core.files.ply_file import read_ply_header
 from gsfw.core.files.reading import first_bytes, is_file, is_folder, is_there, readable
+from gsfw.datamanagers.colmap.binary import read_cameras
+from gsfw.datamanagers.images import read_header
+from gsfw.plugins.initial_splats import find_importer
+from gsfw.plugins.registry import installed
 
 
 def test_a_file_that_cannot_be_read_is_named_with_the_cause(tmp_path):
@@ -41,3 +47,25 @@ def test_the_first_bytes_of_what_is_no_file_are_none(tmp_path):
     (tmp_path / "file").write_bytes(b"ply\nformat")
     found = [first_bytes(tmp_path / name, 4) for name in ("file", "pipe", "absent", ".")]
     assert found == [b"ply\n", b"", b"", b""]
+
+
+def splats(path):
+    return find_importer(path, installed())
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("transforms.json", read_json),
+        ("points.ply", read_ply_header),
+        ("cameras.bin", read_cameras),
+        ("a.jpg", read_header),
+        *((f"a.{suffix}", splats) for suffix in ("ply", "splat", "spz", "sog", "glb")),
+    ],
+)
+def test_a_file_that_git_lfs_has_not_downloaded_is_no_damaged_one(tmp_path, name, read):
+    """The text of github.com/superdwayne/dpmsplat-AFRAME's splat.ply in a clone without LFS."""
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:6a944bf7\nsize 361\n"
+    (tmp_path / name).write_text(pointer)
+    with pytest.raises(DataError, match=rf"{name} is a pointer of Git LFS .*\nRun git lfs pull in"):
+        read(tmp_path / name)
