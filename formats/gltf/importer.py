@@ -13,10 +13,12 @@ from gsfw.core.files.reading import bytes_of, first_bytes
 from gsfw.core.maths.axes import stated_axis
 from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Splats
-from gsfw.formats.activation import log_scales_of, logits_of
+from gsfw.formats.activation import dc_of, log_scales_of, logits_of
 from gsfw.formats.gltf.document import Document, read_document
 from gsfw.formats.gltf.layout import (
     COLOR_SPACE,
+    DRAFT_ROTATION,
+    DRAFT_SCALE,
     EXTENSION,
     MAGIC,
     MOST_DEGREE,
@@ -146,7 +148,8 @@ def _splats(document: Document, primitive: JsonFields, matrix: Matrix) -> tuple[
 def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:
     """The values of a primitive, in the frame of the file."""
     attributes = primitive.fields("attributes")
-    degree = _degree(attributes)
+    is_draft = coefficient(0) not in attributes and DRAFT_ROTATION in attributes
+    degree = 0 if is_draft else _degree(attributes)
 
     def values(name: str, kind: str) -> np.ndarray:
         where = f"{attributes.where}.{name}"
@@ -165,12 +168,19 @@ def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:
     rest = np.empty((count, num_coefficients(degree) - 1, 3), dtype=np.float32)
     for index in range(rest.shape[1]):
         rest[:, index] = values(coefficient(index + 1), "VEC3")
+    if is_draft:
+        shown = values("COLOR_0", "VEC4")
+        opacities, dc = shown[:, 3], dc_of(shown[:, :3])
+    else:
+        opacities, dc = values(OPACITY, "SCALAR")[:, 0], values(coefficient(0), "VEC3")
     return StoredRows(
         means=means,
-        logits=logits_of(values(OPACITY, "SCALAR")[:, 0]),
-        log_scales=log_scales_of(values(SCALE, "VEC3")),
-        quats=np.roll(values(ROTATION, "VEC4"), 1, axis=1).astype(np.float32),
-        dc=values(coefficient(0), "VEC3").astype(np.float32),
+        logits=logits_of(opacities),
+        log_scales=log_scales_of(values(DRAFT_SCALE if is_draft else SCALE, "VEC3")),
+        quats=np.roll(values(DRAFT_ROTATION if is_draft else ROTATION, "VEC4"), 1, axis=1).astype(
+            np.float32
+        ),
+        dc=dc.astype(np.float32),
         rest=rest,
     )
 

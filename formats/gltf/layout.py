@@ -28,6 +28,9 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 
 EXTENSION = "KHR_gaussian_splatting"
 ROTATION, SCALE, OPACITY = (f"{EXTENSION}:{name}" for name in ("ROTATION", "SCALE", "OPACITY"))
+DRAFT_ROTATION, DRAFT_SCALE = "_ROTATION", "_SCALE"
+"""Names in the first drafts of the extension (2024), where COLOR_0 has the colours as shown and the
+opacities; CesiumJS has a file (Specs/Data/Cesium3DTiles/GaussianSplats/synthetic)."""
 COLOR_SPACE = "srgb_rec709_display"
 """Colours as 3DGS trains them: those of a screen."""
 MOST_DEGREE = 3

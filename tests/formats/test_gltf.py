@@ -370,3 +370,22 @@ def test_what_another_tool_writes_is_read(tmp_path):
     order = torch.cdist(content.splats.means, given.means).argmin(dim=1)
     assert torch.equal(order.sort().values, torch.arange(3000))
     check_same(given.take(order), content.splats)
+
+
+def test_files_of_the_first_draft_have_colours_and_opacities_in_color_0(tmp_path):
+    """CesiumJS has such a file: Specs/Data/Cesium3DTiles/GaussianSplats/synthetic (2025)."""
+    document, binary = taken_apart(write(tmp_path / "a.glb", trained_splats(40, 0)))
+    (primitive,) = document["meshes"][0]["primitives"]
+    names = {"POSITION": "POSITION", "COLOR_0": "COLOR_0"}
+    names |= {"_ROTATION": f"{SPLATTING}:ROTATION", "_SCALE": f"{SPLATTING}:SCALE"}
+    attributes = primitive["attributes"]
+    primitive["attributes"] = {new: attributes[old] for new, old in names.items()}
+    primitive["extensions"] = {SPLATTING: {}}
+    found = read(put_together(tmp_path / "draft.glb", document, binary)).splats
+    whole = read(tmp_path / "a.glb").splats
+    for field in ("means", "quats", "scales"):
+        assert torch.equal(getattr(found, field), getattr(whole, field))
+    assert largest(found.opacities, whole.opacities) < 0.003
+    stored = np.frombuffer(binary, "u1", 4 * 40, document["bufferViews"][1]["byteOffset"])
+    wanted = torch.tensor(stored.reshape(40, 4)[:, :3] / 255)
+    assert largest(C0 * found.colors.coefficients[:, 0] + 0.5, wanted) < 1e-6
