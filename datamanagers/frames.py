@@ -169,6 +169,8 @@ class Recording:
     sightings: Callable[[], Sightings] | None = None
     """Reads which frames show which point, which training has no use for; ``None`` when the format
     does not say."""
+    left_out: frozenset[str] = frozenset()
+    """Names, without extensions, of images with a camera that settings of the format leave out."""
 
     @property
     def root(self) -> Path:

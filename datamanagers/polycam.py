@@ -65,13 +65,13 @@ class PolycamConfig(CaptureConfig):
         frames, missing, blurred = self._frames(files, images)
         if not frames and blurred:
             raise DataError(
-                f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} images score "
-                "lower.",
+                f"datamanager.min_blur_score={self.min_blur_score:g}: all {len(blurred)} images "
+                "score lower.",
                 "Lower datamanager.min_blur_score.",
             )
         root = keyframes.absolute().parent
         points, colors = no_points()
-        low = f"{blurred} images score below {self.min_blur_score:g} and are left out"
+        low = f"{len(blurred)} images score below {self.min_blur_score:g} and are left out"
         return Recording(
             name=root.name,
             path=path,
@@ -85,16 +85,17 @@ class PolycamConfig(CaptureConfig):
                 *_unused(keyframes, self.maps),
             ),
             up="y",
+            left_out=frozenset(blurred),
         )
 
-    def _frames(self, files: list[Path], images: Path) -> tuple[list[Frame], list[str], int]:
-        """The frames, the names of missing images, and how many are too blurred."""
-        frames, missing, blurred = [], [], 0
+    def _frames(self, files: list[Path], images: Path) -> tuple[list[Frame], list[str], list[str]]:
+        """The frames, the names of missing images, and of those that are too blurred."""
+        frames, missing, blurred = [], [], []
         cameras: dict[Lens, int] = {}
         for file in files:
             entry = JsonFields.read(file)
             if entry.number("blur_score", self.min_blur_score) < self.min_blur_score:
-                blurred += 1
+                blurred.append(file.stem)
                 continue
             names = (images / f"{file.stem}{extension}" for extension in EXTENSIONS)
             image = next((name for name in names if is_file(name)), None)

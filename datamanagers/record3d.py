@@ -81,6 +81,7 @@ class Record3dConfig(CaptureConfig):
                 "not used: depth of the LiDAR sensor (init=dense finds points in the images)",
             ),
             up="y",
+            left_out=frozenset(map(str, set(range(total)).difference(chosen))),
         )
 
 

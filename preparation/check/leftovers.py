@@ -36,7 +36,10 @@ class Leftovers:
             file.name
             for folder in sorted(folders)
             for file in sorted(folder.iterdir())
-            if file not in used and file.suffix in kinds and not _derived(file, stems)
+            if file not in used
+            and file.suffix in kinds
+            and file.stem not in data.recording.left_out
+            and not _derived(file, stems)
         ]
         return Leftovers(tuple(photos), stray_masks(data.recording, data.mask_rule))
 

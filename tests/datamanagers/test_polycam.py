@@ -21,6 +21,7 @@ from support.small_captures import (
 
 from gsfw.core.datamanager import Split
 from gsfw.datamanagers.polycam import PolycamConfig
+from gsfw.preparation.check.leftovers import Leftovers
 
 
 def write(folder, prefix="", views=4, **settings):
@@ -67,6 +68,7 @@ def test_blurred_images_are_left_out_when_asked_for(tmp_path):
     data = build(write(tmp_path), {"min_blur_score": 65.0})
     assert data.views(Split.TRAIN).names == ("view_002.png", "view_003.png")
     assert "2 images score below 65 and are left out" in data.notes()
+    assert Leftovers.of(data).photos == ()
     assert failure(tmp_path, {"min_blur_score": 99.0}).startswith(
         "datamanager.min_blur_score=99: all 4 images score lower."
     )

@@ -20,6 +20,7 @@ from support.small_captures import (
 from gsfw.core.datamanager import Split
 from gsfw.core.maths.rotations import quaternions_of
 from gsfw.datamanagers.record3d import Record3dConfig
+from gsfw.preparation.check.leftovers import Leftovers
 
 INTRINSICS = [FOCAL[0], 0, 0, 0, FOCAL[1], 0, *CENTER, 1]
 """K, column by column."""
@@ -70,6 +71,7 @@ def test_long_recordings_are_thinned_evenly(tmp_path):
     used = {*data.views(Split.TRAIN).names, *data.views(Split.EVAL).names}
     assert used == {f"{number}.jpg" for number in (0, 2, 4, 6, 8, 10)}
     assert "6 of 11 images are used (datamanager.max_images=N: more)" in data.notes()
+    assert Leftovers.of(data).photos == ()
 
 
 def test_missing_images_are_noted(tmp_path):
