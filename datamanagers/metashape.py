@@ -13,7 +13,12 @@ from pathlib import Path
 from gsfw.core.config import Detection
 from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out, only_file
-from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
+from gsfw.datamanagers.metashape_file import (
+    MetashapeCamera,
+    MetashapeFile,
+    has_poses,
+    is_metashape,
+)
 
 LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with images beside it"
 
@@ -32,9 +37,11 @@ class MetashapeConfig(ImageFolderConfig):
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the file, its points and the headers of the images."""
+        files = _files(path)
+        placed = [file for file in files if has_poses(file)] if len(files) > 1 else []
         file = only_file(
             path,
-            _files(path),
+            placed or files,
             "XML file of Metashape's cameras",
             "Give the file itself (File > Export > Export Cameras in Metashape).",
         )

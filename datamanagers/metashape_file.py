@@ -84,6 +84,15 @@ def is_metashape(file: Path) -> bool:
     return b"<document" in head and b"<chunk" in head
 
 
+def has_poses(file: Path) -> bool:
+    """True if a file of Metashape places a camera; its Export Markers writes sensors alone.
+
+    Raises:
+        DataError: it is damaged.
+    """
+    return read_xml(file, "Export the cameras again.").find(".//camera/transform") is not None
+
+
 def _chunk(chunk: Element, file: Path, notes: tuple[str, ...]) -> MetashapeFile:
     entries = list(chunk.iterfind("cameras//camera"))
     disabled = [entry for entry in entries if entry.get("enabled") in ("0", "false")]

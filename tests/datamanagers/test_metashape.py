@@ -1,5 +1,6 @@
 """The ``metashape`` format."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -222,6 +223,16 @@ def test_malformed_files_are_refused(tmp_path):
         assert message in failure(tmp_path), old
     (tmp_path / "cameras.xml").write_text(whole.replace("<f>", "<g>").replace("</f>", "</g>"))
     assert "it has no calibration with a focal length f." in failure(tmp_path)
+
+
+def test_a_file_of_markers_beside_the_cameras_is_none_of_cameras(tmp_path):
+    """github.com/hwiyoung/MappingLocalization has both, of Metashape's document version 1.5.0."""
+    write(tmp_path)
+    text = (tmp_path / "cameras.xml").read_text()
+    markers = re.sub(r"(?s)(<camera [^>]*>).*?</camera>", r"\1</camera>", text)
+    assert markers.count("<camera ") == text.count("<camera ")
+    (tmp_path / "markers.xml").write_text(markers)
+    assert projection_error(build(tmp_path), ring()) < 0.01
 
 
 def test_the_format_is_told_by_the_beginning_of_xml_files(tmp_path):
