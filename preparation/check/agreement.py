@@ -7,7 +7,7 @@ that sets its exposure anew for each image moves them by a factor.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,6 +24,8 @@ ONE_SIDE = 30.0
 """Degrees from the nearest: from farther around, other things hide a point, or it shines."""
 FLOOR = 0.03
 """Added to brightness before ratios are taken: dark pixels are mostly noise."""
+EXCHANGES = 5
+"""Largest number of exchanges of poses that ``scatter_by_chance`` tries."""
 READABLE = (0.03, 0.97)
 """Brightness outside is clipped, and takes no part in ratios."""
 
@@ -64,6 +66,25 @@ class Agreement:
         seen = np.isfinite(even[..., 0]).sum(0).mean()
         scatter = float(within / max(total, 1e-9) * seen / (seen - 1))
         return Agreement(scatter, gains, int(often.sum()))
+
+
+def scatter_by_chance(
+    surface: Surface | None, viewpoints: Viewpoints, sample: ImageSample
+) -> float:
+    """Median of ``Agreement.scatter`` with the poses of the sampled images exchanged, in circles.
+
+    Images of wrong poses scatter as much; those of right ones less, also where fine texture or few
+    images make colours of points uncertain. NaN where too few points can be compared.
+    """
+    images, found = sample.images, []
+    for step in range(1, min(len(images), EXCHANGES + 1)):
+        moved = [*images[step:], *images[:step]]
+        exchanged = tuple(
+            replace(image, view=other.view) for image, other in zip(images, moved, strict=True)
+        )
+        agreement = Agreement.of(surface, viewpoints, replace(sample, images=exchanged))
+        found += [] if agreement is None else [agreement.scatter]
+    return float(np.median(found)) if found else math.nan
 
 
 def _near(

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from support.checked_captures import ball, with_points, write_ball
 
+from gsfw.preparation.check import point_findings
+from gsfw.preparation.check.agreement import scatter_by_chance
 from gsfw.preparation.finding import Weight
 
 RANDOM = np.random.default_rng(0)
@@ -62,6 +64,18 @@ def test_images_in_another_order_contradict_the_points(tmp_path):
     for name, image in zip(names, reversed(images), strict=True):
         (written.folder / "images" / name).write_bytes(image)
     assert "images contradict points" in written.findings()
+
+
+@pytest.mark.slow
+def test_colors_that_scatter_less_than_by_chance_contradict_no_points(tmp_path, monkeypatch):
+    """So those of sharp texture in few images, whose scatter alone may exceed the threshold."""
+    written = write_ball(tmp_path / "a")
+    survey = written.survey()
+    scatter = survey.agreement.scatter
+    chance = scatter_by_chance(survey.surface, survey.viewpoints, survey.sample)
+    assert scatter < 0.5 * chance
+    monkeypatch.setattr(point_findings, "SCATTER", scatter / 2)
+    assert "images contradict points" not in written.findings()
 
 
 def test_no_points_is_a_note_where_cameras_look_at_one_point(tmp_path):
