@@ -101,7 +101,8 @@ def test_nothing_is_corrected_unless_asked_for(tmp_path):
 
 
 def test_rates_wait_for_their_start_and_decay(tmp_path):
-    settings = settings_of(steps="3000", exposure="true", refine_poses="true")
+    given = {"steps": "3000", "optim.cooldown": "0"}
+    settings = settings_of(**given, exposure="true", refine_poses="true")
     rates = compose(settings, installed()).parts.optimizer.learning_rates
     assert (rates(49)["poses"], rates(49)["exposures"]) == (0, 0)
     assert rates(50)["poses"] == pytest.approx(1e-3)
