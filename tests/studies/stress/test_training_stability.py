@@ -131,7 +131,7 @@ def trainer(
     method = Spiking(config, spikes, gradient_only)
     operators = Operators()
     model = method.build_model(data.scene, operators, torch.Generator().manual_seed(0), None)
-    optimizer = Optimizer(model, operators, config.optim.settings())
+    optimizer = Optimizer(model, operators, config.optim.settings(config.steps))
     parts = TrainingParts(
         method=method,
         model=model,
