@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, fields, is_dataclass
 from functools import reduce
+from typing import Any
 
 CONDITION = re.compile(r"(?P<key>[\w.]+)(?P<sign>!=|=|>)(?P<value>\S+)")
 """One alternative of a condition."""
@@ -40,6 +41,10 @@ def unmet_dependencies(config: object, prefix: str = "") -> list[Unmet]:
     Args:
         config: a dataclass.
         prefix: prefix of its keys, such as "strategy.".
+
+    Raises:
+        ValueError, TypeError: a declaration is no condition, or compares what is no number.
+        AttributeError: a declaration asks for a setting that does not exist.
     """
     declared: dict[str, str] = {}
     for kind in reversed(type(config).__mro__):
@@ -62,10 +67,9 @@ def unmet_dependencies(config: object, prefix: str = "") -> list[Unmet]:
 
 def _holds(config: object, condition: re.Match[str]) -> bool:
     """True if an alternative holds."""
-    value = reduce(getattr, condition["key"].split("."), config)
+    value: Any = reduce(getattr, condition["key"].split("."), config)
     sign, wanted = condition["sign"], condition["value"]
     if sign == ">":
-        assert isinstance(value, int | float)
-        return value > float(wanted)
+        return float(value) > float(wanted)
     text = str(value).lower() if isinstance(value, bool) else str(value)
     return (text == wanted) == (sign == "=")

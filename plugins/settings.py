@@ -145,7 +145,11 @@ def _with_remarks(settings: Settings) -> Settings:
     They are not refused: commands that programs put together have them for good reasons. Values of
     files, presets and recommendations may be left over from another choice.
     """
-    unmet = unmet_dependencies(settings.config)
+    try:
+        unmet = unmet_dependencies(settings.config)
+    except (AttributeError, TypeError, ValueError) as error:  # A plugin's declaration stops no run.
+        text = f"settings that change nothing are not noted, as a declaration is wrong: {error}"
+        return replace(settings, notes=(*settings.notes, text))
     remarks = []
     for key in keys(settings.config):
         needed = next((item for item in unmet if item.covers(key.name)), None)

@@ -7,6 +7,7 @@ from gsfw.plugins.keys import keys
 from gsfw.plugins.loading import load_all
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+from gsfw.strategies.adc import AdcConfig
 
 
 def notes(*layers: Layer, **values: object) -> tuple[str, ...]:
@@ -36,6 +37,17 @@ def test_settings_of_a_callback_that_is_off_are_noted():
     assert notes(callbacks__autosave__enabled=False, callbacks__autosave__minutes=3) == (
         "callbacks.autosave.minutes=3.0 changes nothing without callbacks.autosave.enabled=true.",
     )
+
+
+@pytest.mark.parametrize(
+    ("condition", "cause"),
+    [("absgrad == true", "is no condition"), ("nothing=1", "'nothing'"), ("absgrad>many", "many")],
+)
+def test_a_wrong_declaration_of_a_plugin_is_noted_and_stops_no_run(condition, cause, monkeypatch):
+    monkeypatch.setattr(AdcConfig, "acts_with", {"grow_gradient": condition})
+    (note,) = notes(strategy="adc", dense_points=99)
+    assert note.startswith("settings that change nothing are not noted")
+    assert cause in note
 
 
 @pytest.mark.parametrize("slot", ["method", "strategy", "datamanager", "sampler", "rasterizer"])
