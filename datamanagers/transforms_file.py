@@ -144,7 +144,7 @@ class TransformsFile:
     def find(self, name: str) -> Path | None:
         """A file that the JSON names, with or without its extension."""
         path = self.path.parent / name
-        candidates = (path, *(path.with_name(path.name + end) for end in EXTENSIONS))
+        candidates = (path, *(Path(f"{path}{end}") for end in EXTENSIONS))
         return next((candidate for candidate in candidates if is_file(candidate)), None)
 
     def _frame(self, name: str, entry: JsonFields, image: Path) -> Frame:

@@ -65,7 +65,8 @@ def fine_tune(restored: Restored, steps: int, rounded: Rounded) -> Effect:
         parts, rendered=shown, refiners=Refiners(), metrics={"psnr": parts.metrics["psnr"]}
     )
     first = max(plan.steps, restored.step)
-    parts.optimizer.cooldown = Cooldown(first, first + steps)
+    cooldown = Cooldown(first, first + steps)
+    parts.optimizer.settings = replace(parts.optimizer.settings, cooldown=cooldown)
     plan = replace(plan, steps=first + steps, eval_every=0, checkpoint_every=0, held_back=0)
     with stage("fine-tuning", steps) as advance:
         folder, progress = _NoFolder(Path(os.devnull)), _Progress(first, advance)

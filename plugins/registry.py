@@ -99,6 +99,8 @@ def what_is_missing(path: Path) -> str:
             f"{missing} is a link to {target}, which cannot be reached. Correct the link, or "
             "connect the disk of its target."
         )
+    if missing.exists():
+        return f"{missing} is a file, not a folder."
     near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
     return f"{parent.resolve()} contains no {missing.name!r}.{near}"
 

@@ -73,9 +73,7 @@ class Optimizer:
         self._model = model
         self._others = tuple(others)
         self._operators = operators
-        self._settings = settings
-        self.cooldown = settings.cooldown
-        """Factor of all rates at the end of the training."""
+        self.settings = settings
         self._frozen: set[str] = set()
         # Made when they are first needed: a run that only renders has none, and a process that
         # trains a part of the rows has those of its part.
@@ -84,7 +82,7 @@ class Optimizer:
     @property
     def sparse(self) -> bool:
         """True if only rows that a view of the step has seen are updated."""
-        return self._settings.sparse
+        return self.settings.sparse
 
     def _tensors(self) -> dict[str, list[Tensor]]:
         columns: dict[str, list[Tensor]] = {
@@ -110,7 +108,7 @@ class Optimizer:
 
     def learning_rates(self, step: int) -> dict[str, float]:
         """Learning rate of every column and group at ``step``; 0 if frozen."""
-        factor = self._settings.rate_factor * self.cooldown.factor(step)
+        factor = self.settings.rate_factor * self.settings.cooldown.factor(step)
         return {
             name: 0.0 if name in self._frozen else factor * rate.at(step)
             for name, rate in self.schedules().items()
@@ -167,7 +165,7 @@ class Optimizer:
         if device_rates is not None:
             rates = dict(zip(rates, device_rates.unbind(), strict=True))
         # The host waits here for a GPU's count of these rows, in every step: the cost of sparse.
-        rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
+        rows = visible.nonzero()[:, 0] if self.settings.sparse and visible is not None else None
         updates: list[AdamUpdate] = []
         for name, column in self._model.columns().items():
             if column.trained and name not in self._frozen:
@@ -176,7 +174,7 @@ class Optimizer:
         for group in self._groups():
             if group.name not in self._frozen:
                 updates += self._group_updates(group, rates[group.name], finite)
-        self._operators.adam_(updates, self._settings.adam, finite)
+        self._operators.adam_(updates, self.settings.adam, finite)
 
     def _column_updates(
         self,

@@ -150,6 +150,7 @@ def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:
     attributes = primitive.fields("attributes")
     is_draft = coefficient(0) not in attributes and DRAFT_ROTATION in attributes
     degree = 0 if is_draft else _degree(attributes)
+    scale, rotation = (DRAFT_SCALE, DRAFT_ROTATION) if is_draft else (SCALE, ROTATION)
 
     def values(name: str, kind: str) -> np.ndarray:
         where = f"{attributes.where}.{name}"
@@ -176,10 +177,8 @@ def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:
     return StoredRows(
         means=means,
         logits=logits_of(opacities),
-        log_scales=log_scales_of(values(DRAFT_SCALE if is_draft else SCALE, "VEC3")),
-        quats=np.roll(values(DRAFT_ROTATION if is_draft else ROTATION, "VEC4"), 1, axis=1).astype(
-            np.float32
-        ),
+        log_scales=log_scales_of(values(scale, "VEC3")),
+        quats=np.roll(values(rotation, "VEC4"), 1, axis=1).astype(np.float32),
         dc=dc.astype(np.float32),
         rest=rest,
     )

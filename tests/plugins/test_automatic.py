@@ -88,6 +88,14 @@ def test_a_missing_parent_is_named(tmp_path):
     assert said.endswith(f"{tmp_path} contains no 'capture'. Did you mean 'captures'?")
 
 
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path):
+    (tmp_path / "fox").write_text("a file")
+    assert data_refusal(tmp_path / "fox" / "transforms.json") == (
+        f"data={tmp_path / 'fox' / 'transforms.json'}: there is no such file or folder.\n"
+        f"{tmp_path / 'fox'} is a file, not a folder."
+    )
+
+
 def test_an_empty_folder_has_its_own_message(tmp_path):
     assert data_refusal(tmp_path) == (
         f"data={tmp_path}: the folder is empty.\n"
