@@ -25,22 +25,34 @@ def format_of(path: Path, registry: Registry) -> str | None:
     """The format that writes files with the suffix of ``path``; ``None`` if none does.
 
     The longest suffix wins (``.compressed.ply`` before ``.ply``); then a format of gsfw, so that an
-    installed plugin changes no command; then the format whose name is the suffix, and then the
-    first by name.
+    installed plugin changes no command; then the first suffix of a format before its other ones,
+    then the format whose name is the suffix, and then the first by name.
     """
+    found = _fitting(path, registry)
+    return found[1] if found else None
+
+
+def _fitting(path: Path, registry: Registry) -> tuple[str, str] | None:
+    """The suffix of a file that ``format_of`` goes by, and its format."""
     kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
     specs, name = registry.slot("exporter"), path.name.lower()
     fitting = [
         (
-            -len(kind.suffix),
+            -len(suffix),
             specs[form].distribution != PROJECT,
-            f".{form}" != kind.suffix,
+            suffix != kind.suffix,
+            f".{form}" != suffix,
             form,
+            suffix,
         )
         for form, kind in kinds.items()
-        if kind.suffix and name.endswith(kind.suffix)
+        for suffix in (kind.suffix, *kind.other_suffixes)
+        if suffix and name.endswith(suffix)
     ]
-    return min(fitting)[-1] if fitting else None
+    if not fitting:
+        return None
+    *_, form, suffix = min(fitting)
+    return suffix, form
 
 
 def format_for(path: Path, registry: Registry, place: str) -> str:
@@ -67,7 +79,8 @@ def format_for(path: Path, registry: Registry, place: str) -> str:
 def writable_suffixes(registry: Registry) -> str:
     """The suffixes of all formats, for messages."""
     kinds: dict[str, type[Exporter]] = load_all("exporter", registry)
-    return ", ".join(dict.fromkeys(kind.suffix for kind in kinds.values() if kind.suffix))
+    suffixes = (name for kind in kinds.values() for name in (kind.suffix, *kind.other_suffixes))
+    return ", ".join(dict.fromkeys(filter(None, suffixes)))
 
 
 def make_exporter(
@@ -116,10 +129,10 @@ def check_suffix(path: Path, form: str, exporter: Exporter, registry: Registry) 
     Raises:
         ConfigError: it is.
     """
-    named = None if path.is_dir() else format_of(path, registry)
-    if named is None or named == form:
+    found = None if path.is_dir() else _fitting(path, registry)
+    if found is None or found[1] == form:
         return
-    suffix = load("exporter", registry.find("exporter", named)).suffix
+    suffix, named = found
     own = (exporter.suffix, Path(exporter.suffix).suffix, *exporter.other_suffixes)
     if suffix in own:
         return

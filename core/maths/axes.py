@@ -12,6 +12,15 @@ AXIS = re.compile(r"[+-]?[xyz]")
 """Name of an axis, with or without its direction."""
 VECTORS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 """Unit vectors of the axes by name."""
+TO_Y = {
+    "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "-y": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "z": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "-z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    "-x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+}
+"""Rotation matrices, row by row, that turn an axis to y."""
 USUAL_UP = "-y"
 """Up direction of worlds of which nothing is known: in COLMAP's, y leads down."""
 AXIS_ERROR = 1e-3
@@ -52,6 +61,12 @@ def known_or_usual_up(name: str) -> Float64[Tensor, " 3"]:
     """The up direction of this name; ``USUAL_UP`` for what names no axis."""
     found = known_axis(name)
     return axis_vector(USUAL_UP) if found is None else found
+
+
+def turned_to_y(name: str) -> Float64[Tensor, "3 3"]:
+    """The rotation matrix, of 0 and 1 and -1, that turns an axis to y; for no axis ``USUAL_UP``."""
+    axis = stated_axis(name).removeprefix("+") or USUAL_UP
+    return torch.tensor(TO_Y[axis], dtype=torch.float64)
 
 
 def axis_name(vector: Float64[Tensor, " 3"]) -> str:

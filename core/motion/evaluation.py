@@ -27,21 +27,36 @@ def splats_at(file: MotionFile, time: float) -> Splats:
 
     A rotation whose quaternion passes through 0 is the identity there.
     """
-    motion, still = file.motion, file.content.splats
-    rows = ((motion.begin <= time) & (time < motion.end)).nonzero()[:, 0]
-    still = still.take(rows)
+    rows = ((file.motion.begin <= time) & (time < file.motion.end)).nonzero()[:, 0]
+    splats, motion = file.content.splats.take(rows), file.motion.take(rows)
+    elapsed = time - motion.center
+    return replace(_after(elapsed, splats, motion), rows=rows)
+
+
+def all_splats_at(file: MotionFile, time: float) -> Splats:
+    """Every splat of the file at a time, for files of the same rows at each time.
+
+    One that is absent has an opacity of 0, and is where it was or will be present.
+    """
+    motion = file.motion
+    clamped = torch.full_like(motion.center, time).clamp(motion.begin, motion.end)
+    splats = _after(clamped - motion.center, file.content.splats, motion)
+    is_present = (motion.begin <= time) & (time < motion.end)
+    return replace(splats, opacities=torch.where(is_present, splats.opacities, 0.0))
+
+
+def _after(elapsed: Float[Tensor, " n"], still: Splats, motion: Motion) -> Splats:
+    """Splats some time after the centre of each one."""
     assert still.quats is not None
     assert still.scales is not None
-    elapsed = time - motion.center[rows]
     powers = torch.stack([elapsed, elapsed**2, elapsed**3], dim=1)
-    quats = still.quats + motion.spin[rows] * elapsed[:, None]
+    quats = still.quats + motion.spin * elapsed[:, None]
     return replace(
         still,
-        means=still.means + (motion.path[rows] * powers[:, :, None]).sum(1),
+        means=still.means + (motion.path * powers[:, :, None]).sum(1),
         quats=unit_quaternions(quats),
-        scales=still.scales * (motion.growth[rows] * elapsed[:, None]).exp(),
-        opacities=still.opacities * torch.exp(-((elapsed / motion.width[rows]) ** 2)),
-        rows=rows,
+        scales=still.scales * (motion.growth * elapsed[:, None]).exp(),
+        opacities=still.opacities * torch.exp(-((elapsed / motion.width) ** 2)),
     )
 
 

@@ -27,8 +27,9 @@ from gsfw.formats.gltf.layout import (
     SCALE,
     coefficient,
 )
-from gsfw.formats.gltf.nodes import Matrix, place, placed_meshes
-from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows, activated
+from gsfw.formats.gltf.nodes import placed_meshes
+from gsfw.formats.placement import Matrix, placed
+from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows
 
 ALWAYS = 1_000_000
 """Splats that may come from repeated use of few; more only if the file has as many bytes."""
@@ -126,23 +127,11 @@ def _splats(document: Document, primitive: JsonFields, matrix: Matrix) -> tuple[
             f"({COLOR_SPACE}) are read.",
             "Export it in that colour space from the tool that made it.",
         )
-    # Numbers of damaged files that are no numbers give rows that are dropped.
     with np.errstate(over="ignore", invalid="ignore"):
         rows = _stored_rows(document, primitive).mirrored(RDF_TO_LUF)
-        splats, _ = activated(path, rows)
-    flip = np.diag([*RDF_TO_LUF, 1.0])
-    with np.errstate(over="ignore", invalid="ignore"):
+        flip = np.diag([*RDF_TO_LUF, 1.0])
         matrix = flip @ matrix @ flip
-    placed = place(splats, matrix, f"{path}: {primitive.where}")
-    held = placed.held_by_float32()
-    if not held.any():
-        raise DataError(
-            f"{path} contains no splats: the transforms of the nodes of {primitive.where} move all "
-            "of its rows beyond float32.",
-            "Apply the transforms in the tool that made the file.",
-        )
-    kept = placed if held.all() else placed.take(held.nonzero()[:, 0])
-    return kept, len(rows) - len(kept)
+    return placed(path, rows, matrix, primitive.where)
 
 
 def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import torch
-from jaxtyping import Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.files.json_fields import JsonFields
-from gsfw.core.maths.frame import transform_splats, with_axes
-from gsfw.core.maths.rotations import rotation_matrices, unit_matrices
-from gsfw.core.maths.similarity import Similarity
-from gsfw.core.splats import Splats
-from gsfw.formats.stored_rows import MAX_COORDINATE
-
-Matrix = Float64[np.ndarray, "4 4"]
+from gsfw.core.maths.rotations import rotation_matrices
+from gsfw.formats.placement import Matrix
 
 MOST_NODES = 20_000
-UNIFORM = 1e-6
-"""Relative difference of axes that float32 transforms have by rounding."""
 
 
 def placed_meshes(root: JsonFields) -> list[tuple[int, Matrix]]:
@@ -83,45 +73,3 @@ def _local(node: JsonFields) -> Matrix:
     matrix[:3, :3] *= node.numbers("scale", 3, default=[1.0, 1.0, 1.0])
     matrix[:3, 3] = node.numbers("translation", 3, default=[0.0, 0.0, 0.0])
     return matrix
-
-
-def place(splats: Splats, matrix: Matrix, where: str) -> Splats:
-    """Splats after an affine transform; SH colours turn with its rotation.
-
-    Args:
-        splats: in quats and scales form, float64.
-        matrix: the transform, in the frame of the splats.
-        where: the mesh, for messages.
-
-    Raises:
-        DataError: the transform is beyond float32, mirrors, or makes flat.
-    """
-    if np.array_equal(matrix, np.eye(4)):
-        return splats
-    if not np.abs(matrix).max() <= MAX_COORDINATE:  # NaN is refused too.
-        raise DataError(
-            f"{where}: the transforms of its nodes are beyond {MAX_COORDINATE:.2g}, where float32 "
-            "ends.",
-            "Apply the transforms in the tool that made the file.",
-        )
-    linear, moved = torch.from_numpy(matrix[:3, :3]), torch.from_numpy(matrix[:3, 3])
-    if not float(linear.det()) > 0:
-        raise DataError(
-            f"{where}: its node mirrors it, or makes it flat, which no splats can be drawn with.",
-            "Apply the transform in the tool that made the file.",
-        )
-    left, stretches, right = torch.linalg.svd(linear)
-    rotation, scale = left @ right, float(stretches.mean())
-    if float(stretches.max() - stretches.min()) <= UNIFORM * scale:
-        return transform_splats(splats, Similarity(scale, rotation, moved))
-    turned = transform_splats(splats, Similarity(rotation=rotation))
-    assert splats.quats is not None and splats.scales is not None  # noqa: PT018
-    axes = linear @ unit_matrices(splats.quats) * splats.scales[:, None]
-    stretched = replace(
-        turned,
-        means=splats.means @ linear.T + moved,
-        quats=None,
-        scales=None,
-        covariances=axes @ axes.mT,
-    )
-    return with_axes(stretched)

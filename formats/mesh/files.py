@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.files.ply_file import ply_header
-from gsfw.core.maths.axes import stated_axis
+from gsfw.core.maths.axes import stated_axis, turned_to_y
 from gsfw.formats.activation import to_bytes
 from gsfw.formats.gltf.layout import (
     ARRAY_BUFFER,
@@ -32,15 +32,6 @@ from gsfw.formats.mesh.surface_nets import Mesh
 
 OBJ_VERTEX = "v %.7g %.7g %.7g %.4f %.4f %.4f"
 """A line with a colour in [0, 1] after the position, as most readers take it."""
-TO_Y_UP = {
-    "y": (1, 0, 0, 0, 1, 0, 0, 0, 1),
-    "-y": (1, 0, 0, 0, -1, 0, 0, 0, -1),
-    "z": (1, 0, 0, 0, 0, -1, 0, 1, 0),
-    "-z": (1, 0, 0, 0, 0, 1, 0, -1, 0),
-    "x": (0, 1, 0, -1, 0, 0, 0, 0, 1),
-    "-x": (0, -1, 0, 1, 0, 0, 0, 0, 1),
-}
-"""Rotations, column by column, that turn a direction to +y."""
 
 
 def write_mesh(path: Path, mesh: Mesh, up: str) -> None:
@@ -98,10 +89,11 @@ def _write_glb(file: BinaryIO, mesh: Mesh, up: str) -> None:
 def _gltf(mesh: Mesh, up: str, sizes: Sequence[int]) -> dict[str, object]:
     """The JSON of a .glb, for buffers of positions, colours and triangles of these sizes."""
     places, count = mesh.vertices.astype("<f4"), len(mesh.vertices)
-    turn = TO_Y_UP.get(stated_axis(up).removeprefix("+"), TO_Y_UP["y"])
+    turn = np.eye(4)
+    turn[:3, :3] = turned_to_y(stated_axis(up) or "y").numpy()
     node: dict[str, object] = {"mesh": 0}
-    if turn != TO_Y_UP["y"]:
-        node["matrix"] = [*turn[:3], 0, *turn[3:6], 0, *turn[6:], 0, 0, 0, 0, 1]
+    if (turn != np.eye(4)).any():
+        node["matrix"] = turn.T.ravel().tolist()  # Column by column.
     ends = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
     kinds: list[dict[str, object]] = [
         {"componentType": FLOAT, "count": count, "type": "VEC3", **ends},
