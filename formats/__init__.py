@@ -33,6 +33,11 @@ EXPORTERS = (
         "gsfw.formats.gltf.exporter:GltfExporter",
     ),
     Spec(
+        "usd",
+        "OpenUSD (.usdc, .usda, .usd, .usdz), at rest or moving, SH to degree 3",
+        "gsfw.formats.usd.exporter:UsdExporter",
+    ),
+    Spec(
         "splatv",
         "moving splats for the player splaTV, without view dependence",
         "gsfw.formats.splatv:SplatvExporter",
@@ -88,6 +93,11 @@ IMPORTERS = (
         "gltf",
         ".glb or .gltf with KHR_gaussian_splatting",
         "gsfw.formats.gltf.importer:GltfImporter",
+    ),
+    Spec(
+        "usd",
+        "OpenUSD: .usdc, .usda, .usd or .usdz with ParticleField3DGaussianSplat",
+        "gsfw.formats.usd.importer:UsdImporter",
     ),
     Spec("splatv", "splaTV's moving splats", "gsfw.formats.splatv:SplatvImporter"),
 )

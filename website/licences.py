@@ -16,7 +16,7 @@ from packaging.utils import canonicalize_name
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "licences.md"
 PROJECT = "gsfw"
-EXTRAS = ("cloud", "flip", "heic", "ray", "spz", "video", "viewer")
+EXTRAS = ("cloud", "flip", "heic", "ray", "spz", "usd", "video", "viewer")
 """Extras for users; gsplat is left out, which needs a GPU's compiler to be installed."""
 UNKNOWN = "not stated"
 COPYLEFT = re.compile(r"(?<![A-Za-z])A?GPL|GNU (Affero )?General Public")

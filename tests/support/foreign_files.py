@@ -16,6 +16,7 @@ from gsfw.formats.compressed_ply import CompressedPlyExporter
 from gsfw.formats.ply import PlyExporter
 from gsfw.formats.sog.exporter import SogExporter
 from gsfw.formats.spz.exporter import SpzExporter
+from gsfw.formats.usd.exporter import UsdExporter
 from gsfw.testing.sources import splat_file
 from support.gltf_files import quantised, small, taken_apart, write
 from support.ksplat_files import records, sections
@@ -35,6 +36,7 @@ def foreign_files(folder: Path) -> Iterator[Path]:
     yield from _ksplats(folder)
     yield from _gltfs(folder)
     yield from _sogs(folder)
+    yield from _usds(folder)
 
 
 def _plys(folder: Path) -> Iterator[Path]:
@@ -111,3 +113,10 @@ def _sogs(folder: Path) -> Iterator[Path]:
     yield unpacked(source, folder / "sog") / "meta.json"
     legacy(folder / "old", range(COUNT))
     yield folder / "old" / "meta.json"
+
+
+def _usds(folder: Path) -> Iterator[Path]:
+    """A stage as text, and one in a package."""
+    for name in ("text.usda", "package.usdz"):
+        UsdExporter().write(folder / name, splat_file(COUNT, 1))
+        yield folder / name

@@ -1,0 +1,76 @@
+"""Values of a field of Gaussians at one time, in the axes of a stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+
+from gsfw.core.exchange import MotionFile
+from gsfw.core.maths.axes import stated_axis, turned_to_y
+from gsfw.core.maths.rotations import unit_matrices
+from gsfw.core.maths.similarity import Similarity
+from gsfw.core.motion.evaluation import all_splats_at, in_world
+from gsfw.formats.stored_rows import StoredRows, stored_parts
+
+REACH = 3.0
+"""Standard deviations of a Gaussian that the extent contains, as UsdVol describes the kernel."""
+
+
+@dataclass(frozen=True)
+class FieldValues:
+    """Values of ``n`` Gaussians at one time."""
+
+    positions: Float32[np.ndarray, "n 3"]
+    orientations: Float32[np.ndarray, "n 4"]
+    """Unit quaternions, xyzw, as arrays of USD hold them."""
+    scales: Float32[np.ndarray, "n 3"]
+    """Standard deviations along the axes of each Gaussian."""
+    opacities: Float32[np.ndarray, " n"]
+    coefficients: Float32[np.ndarray, "m 3"]
+    """SH coefficients, those of a Gaussian one after the other."""
+    extent: Float32[np.ndarray, "2 3"]
+    """Lowest and highest corner of a box around all Gaussians."""
+
+
+def upright(file: MotionFile) -> tuple[MotionFile, str]:
+    """The file in axes of a stage, and which of them is up: "Y" or "Z".
+
+    Worlds with y or z up keep their axes. Others are turned; one of which nothing is known as
+    COLMAP's, in which y leads down.
+    """
+    up = stated_axis(file.content.up).removeprefix("+")
+    if up in ("y", "z"):
+        return file, up.upper()
+    return in_world(file, Similarity(rotation=turned_to_y(up))), "Y"
+
+
+def field_values(file: MotionFile, time: float) -> FieldValues:
+    """The values at a time in [0, 1].
+
+    Raises:
+        ValueError: a value is not finite, or out of range; names the field and the row; or there
+            are no splats.
+    """
+    splats = file.content.splats if file.is_still else all_splats_at(file, time)
+    stored = StoredRows.cat(list(stored_parts(splats)))
+    scales = np.exp(stored.log_scales)
+    coefficients = np.concatenate([stored.dc[:, None], stored.rest], axis=1)
+    return FieldValues(
+        positions=stored.means.astype(np.float32),
+        orientations=np.roll(stored.quats, -1, axis=1),
+        scales=scales,
+        opacities=stored.opacities.astype(np.float32),
+        coefficients=coefficients.reshape(-1, 3),
+        extent=_extent(stored, scales),
+    )
+
+
+def _extent(stored: StoredRows, scales: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, "2 3"]:
+    """The box around the ellipsoids of ``REACH`` standard deviations."""
+    axes = unit_matrices(torch.from_numpy(stored.quats)).numpy()
+    reach = REACH * np.sqrt(((axes * scales[:, None]) ** 2).sum(axis=2))
+    low, high = (stored.means - reach).min(axis=0), (stored.means + reach).max(axis=0)
+    return np.stack([low, high]).astype(np.float32)
