@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
-from sound_captures import synchronised_json, synchronised_toml
-from support.small_captures import CENTER, FOCAL, ring
+from sound_captures import CALIBRATIONS
+from support.small_captures import ring
 from support.small_videos import write_video
 
 from gsfw.datamanagers.point_file import ply_of
@@ -84,27 +84,9 @@ def _points(encoding: str, folder: Path) -> str:
     return "points.ply"
 
 
-def _calibration(write: Writer, name: str, folder: Path) -> str:
-    import shutil
-
-    write(folder)
-    shutil.rmtree(folder / "videos")
+def _calibration(name: str, folder: Path) -> str:
+    CALIBRATIONS[name](folder / name)
     return name
-
-
-def _qualisys(folder: Path) -> str:
-    turned = np.diag([1.0, -1.0, -1.0]) @ ring(3).poses[0][:3, :3]
-    terms = " ".join(f'r{i + 1}{j + 1}="{turned[i, j]}"' for i in range(3) for j in range(3))
-    (folder / "a.qca.txt").write_text(
-        '<calibration><cameras><camera serial="cam00" viewrotation="0">'
-        '<fov_video left="8" top="0" right="71" bottom="47"/>'
-        f'<transform {terms} x="1000.0" y="20.0" z="400.0"/>'
-        f'<intrinsic focalLengthU="{64 * FOCAL[0]}" focalLengthV="{64 * FOCAL[1]}" '
-        f'centerPointU="{64 * CENTER[0]}" centerPointV="{64 * CENTER[1]}" '
-        'radialDistortion1="0.1" radialDistortion2="0.2" tangentalDistortion1="0.01" '
-        'tangentalDistortion2="0.02"/></camera></cameras></calibration>'
-    )
-    return "a.qca.txt"
 
 
 def _video(name: str, folder: Path) -> str:
@@ -138,11 +120,7 @@ FILES: Mapping[str, tuple[Writer, ...]] = {
         partial(_array, "fortran.npy", np.asfortranarray(FLOATS.astype(np.uint16))),
         partial(_array, "a.npz", FLOATS),
     ),
-    "calibration": (
-        partial(_calibration, synchronised_json, "cameras.json"),
-        partial(_calibration, synchronised_toml, "Calib.toml"),
-        _qualisys,
-    ),
+    "calibration": tuple(partial(_calibration, name) for name in CALIBRATIONS),
     "video": tuple(partial(_video, f"a{suffix}") for suffix in (".mp4", ".mkv", ".avi")),
     "workload": (_workload,),
 }

@@ -4,33 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
+from support.captures.calibrations import entry, write_json, write_qualisys, write_toml
+from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH, rotation_vector
 from support.small_videos import cameras
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import read_calibration
-
-K = [[FOCAL[0], 0.0, CENTER[0] - 0.5], [0.0, FOCAL[1], CENTER[1] - 0.5], [0.0, 0.0, 1.0]]
-
-
-def entry(number=0, **settings):
-    """A camera's settings with OpenCV's pixels; ``None`` removes one."""
-    content = {"name": f"cam{number:02d}", "w": WIDTH, "h": HEIGHT, "K": K}
-    content["w2c"] = cameras().poses[number].tolist()
-    return {key: value for key, value in (content | settings).items() if value is not None}
-
-
-def write(path, *entries):
-    path.write_text(json.dumps({"cameras": list(entries)}))
-    return path
-
-
-def rodrigues(rotation):
-    """The vector of a rotation matrix."""
-    angle = np.arccos((np.trace(rotation) - 1) / 2)
-    axis = [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]]
-    axis = np.array([*axis, rotation[1, 0] - rotation[0, 1]])
-    return angle * axis / (2 * np.sin(angle))
 
 
 def check(camera, number=0):
@@ -42,7 +21,7 @@ def check(camera, number=0):
 
 
 def test_cameras_are_read_with_pixels_counted_from_the_corner(tmp_path):
-    found = read_calibration(write(tmp_path / "cameras.json", entry(1), entry(0)))
+    found = read_calibration(write_json(tmp_path / "cameras.json", entry(1), entry(0)))
     check(found[0], 0)
     check(found[1], 1)
     assert found[0].lens.is_pinhole
@@ -56,14 +35,7 @@ def test_an_object_with_cameras_as_keys_is_read(tmp_path):
 
 
 def test_pose2sims_toml_is_read(tmp_path):
-    pose = cameras().poses[0]
-    (tmp_path / "Calib.toml").write_text(
-        f'[cam_00]\nname = "cam00"\nsize = [ {WIDTH}.0, {HEIGHT}.0]\nmatrix = {K}\n'
-        f"distortions = [ 0.0, 0.0, 0.0, 0.0]\nrotation = {rodrigues(pose[:3, :3]).tolist()}\n"
-        f"translation = {pose[:3, 3].tolist()}\nfisheye = false\n\n"
-        "[metadata]\nadjusted = false\nerror = 0.0\n"
-    )
-    (camera,) = read_calibration(tmp_path / "Calib.toml")
+    (camera,) = read_calibration(write_toml(tmp_path / "Calib.toml"))
     check(camera)
 
 
@@ -78,37 +50,16 @@ def test_pose2sims_toml_is_read(tmp_path):
     ],
 )  # fmt: skip
 def test_opencvs_distortion_becomes_colmaps(tmp_path, given, model, expected):
-    (camera,) = read_calibration(write(tmp_path / "cameras.json", entry(**given)))
+    (camera,) = read_calibration(write_json(tmp_path / "cameras.json", entry(**given)))
     assert (camera.lens.model, camera.lens.distortion) == (model, expected)
 
 
 def test_rotation_and_translation_may_be_apart(tmp_path):
     pose = cameras().poses[0]
-    for rotation in (pose[:3, :3], rodrigues(pose[:3, :3])):
+    for rotation in (pose[:3, :3], np.array(rotation_vector(pose[:3, :3]))):
         parts = {"R": rotation.tolist(), "T": pose[:3, 3:].tolist(), "w2c": None}
-        (camera,) = read_calibration(write(tmp_path / "cameras.json", entry(**parts)))
+        (camera,) = read_calibration(write_json(tmp_path / "cameras.json", entry(**parts)))
         check(camera)
-
-
-def write_qualisys(path, **settings):
-    """What Qualisys Track Manager exports: 64ths of a pixel, millimetres, cameras along -z."""
-    pose = cameras().poses[0]
-    rotation = np.diag([1.0, -1.0, -1.0]) @ pose[:3, :3]
-    center = -1000 * pose[:3, :3].T @ pose[:3, 3]
-    values = {"viewrotation": 0, "left": 8, "fu": 64 * FOCAL[0]} | settings
-    transform = " ".join(f'r{i + 1}{j + 1}="{rotation[i, j]}"' for i in range(3) for j in range(3))
-    transform += "".join(f' {axis}="{value}"' for axis, value in zip("xyz", center, strict=True))
-    path.write_text(
-        "<calibration><cameras>"
-        f'<camera serial="cam00" viewrotation="{values["viewrotation"]}">'
-        f'<fov_video left="{values["left"]}" top="0" right="{WIDTH + 7}" bottom="{HEIGHT - 1}"/>'
-        f"<transform {transform}/>"
-        f'<intrinsic focalLengthU="{values["fu"]}" focalLengthV="{64 * FOCAL[1]}" '
-        f'centerPointU="{64 * (CENTER[0] + 7.5)}" centerPointV="{64 * (CENTER[1] - 0.5)}" '
-        'radialDistortion1="0.1" radialDistortion2="0.2" tangentalDistortion1="0.01" '
-        'tangentalDistortion2="0.02"/></camera></cameras></calibration>'
-    )
-    return path
 
 
 def test_qualisys_files_are_read(tmp_path):
@@ -158,7 +109,7 @@ def test_qualisys_files_that_cannot_be_used_are_refused(tmp_path, settings, mess
 )
 def test_cameras_that_are_none_are_refused(tmp_path, settings, message):
     with pytest.raises(DataError, match=message):
-        read_calibration(write(tmp_path / "cameras.json", entry(**settings)))
+        read_calibration(write_json(tmp_path / "cameras.json", entry(**settings)))
 
 
 @pytest.mark.parametrize(

@@ -3,50 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from support.captures.llff import centred, write
 from support.refusals import failure_of
-from support.small_captures import (
-    FOCAL,
-    HEIGHT,
-    WIDTH,
-    builder_of,
-    projection_error,
-    ring,
-    write_image,
-)
+from support.small_captures import HEIGHT, WIDTH, builder_of, projection_error, ring, write_image
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.llff import LlffConfig
 from gsfw.datamanagers.neural_3d_video import Neural3DVideoConfig
-
-
-def centred(capture):
-    """LLFF knows one focal length, and the principal point in the middle."""
-
-    def pixels(view, scale=1.0):
-        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
-        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array([WIDTH / 2, HEIGHT / 2]))
-
-    object.__setattr__(capture, "pixels", pixels)
-    return capture
-
-
-def write(folder, capture, shrunk=(1,)):
-    """Poses whose axes are down, right and back, and the images shrunk by each factor."""
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for pose in capture.poses:
-        right, down, forward = pose[:3, :3]
-        center = -pose[:3, :3].T @ pose[:3, 3]
-        hwf = np.array([HEIGHT, WIDTH, FOCAL[0]])
-        rows.append([*np.stack([down, right, -forward, center, hwf], axis=1).flatten(), 0.5, 3.0])
-    np.save(folder / "poses_bounds.npy", np.array(rows))
-    for factor in shrunk:
-        name = "images" if factor == 1 else f"images_{factor}"
-        for image in capture.names:
-            write_image(folder / name / image, WIDTH // factor, HEIGHT // factor)
-    return folder
-
 
 build = builder_of(LlffConfig)
 failure = failure_of(build)

@@ -4,60 +4,15 @@ import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from support.small_captures import (
-    FOCAL,
-    HEIGHT,
-    WIDTH,
-    builder_of,
-    projection_error,
-    write_image,
-)
-from support.small_videos import cameras, over_time, shade, write_video
+from support.captures.llff import centred, write_folders, write_poses, write_videos
+from support.small_captures import FOCAL, HEIGHT, WIDTH, builder_of, projection_error
+from support.small_videos import cameras, over_time, shade
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.neural_3d_video import Neural3DVideoConfig
 
 CPU = torch.device("cpu")
-
-
-def centred(capture):
-    """LLFF knows one focal length, and the principal point in the middle."""
-
-    def pixels(view):
-        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
-        return FOCAL[0] * local[:, :2] / local[:, 2:] + np.array([WIDTH / 2, HEIGHT / 2])
-
-    object.__setattr__(capture, "pixels", lambda view, scale=1.0: scale * pixels(view))
-    return capture
-
-
-def write_poses(folder, capture, size=(HEIGHT, WIDTH)):
-    """A row [R | t | hwf], near, far for each camera; the axes of R are down, right, back."""
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for pose in capture.poses:
-        right, down, forward = pose[:3, :3]
-        center = -pose[:3, :3].T @ pose[:3, 3]
-        hwf = np.array([*size, FOCAL[0]])
-        matrix = np.stack([down, right, -forward, center, hwf], axis=1)
-        rows.append([*matrix.flatten(), 0.5, 3.0])
-    np.save(folder / "poses_bounds.npy", np.array(rows))
-    return folder
-
-
-def write_folders(folder, capture, times=4, inner="images"):
-    """A folder of images for each camera."""
-    for name in capture.names:
-        for time in range(times):
-            write_image(folder / name / inner / f"{time:04d}.png")
-    return write_poses(folder, capture)
-
-
-def write_videos(folder, capture, times=6):
-    for name in capture.names:
-        write_video(folder / f"{name}.mp4", count=times)
-    return write_poses(folder, capture)
 
 
 build = builder_of(Neural3DVideoConfig)

@@ -1,43 +1,14 @@
 """The ``record3d`` format."""
 
-import json
-
 import pytest
 import torch
+from support.captures.record3d import write
 from support.refusals import failure_of
-from support.small_captures import (
-    CENTER,
-    FOCAL,
-    HEIGHT,
-    WIDTH,
-    builder_of,
-    opengl,
-    projection_error,
-    ring,
-    write_image,
-)
+from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH, builder_of, projection_error, ring
 
 from gsfw.core.datamanager import Split
-from gsfw.core.maths.rotations import quaternions_of
 from gsfw.datamanagers.record3d import Record3dConfig
 from gsfw.preparation.check.leftovers import Leftovers
-
-INTRINSICS = [FOCAL[0], 0, 0, 0, FOCAL[1], 0, *CENTER, 1]
-"""K, column by column."""
-
-
-def write(folder, views=4, file="metadata.json", images="rgb", **settings):
-    """A recording; ``settings`` replace those of its file, and None removes one."""
-    poses = []
-    for number, pose in enumerate(ring(views).poses):
-        matrix = torch.tensor(opengl(pose), dtype=torch.float64)
-        w, x, y, z = quaternions_of(matrix[:3, :3]).tolist()
-        poses.append([x, y, z, w, *matrix[:3, 3].tolist()])
-        write_image(folder / images / f"{number}.jpg")
-    content = {"w": WIDTH, "h": HEIGHT, "fps": 60, "K": INTRINSICS, "poses": poses} | settings
-    content = {key: value for key, value in content.items() if value is not None}
-    (folder / file).write_text(json.dumps(content))
-    return folder
 
 
 def expected(views=4):

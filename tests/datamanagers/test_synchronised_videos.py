@@ -1,20 +1,11 @@
 """The ``synchronised-videos`` format."""
 
-import json
-
 import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from support.small_captures import (
-    CENTER,
-    FOCAL,
-    HEIGHT,
-    WIDTH,
-    projection_error,
-    request,
-    write_image,
-)
+from support.captures.calibrations import entry, write_json
+from support.small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, write_image
 from support.small_videos import cameras, over_time, write_video
 
 from gsfw.core.datamanager import Split
@@ -26,7 +17,6 @@ from gsfw.datamanagers.video_traits import VideoTraits
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
 
 TIMES = 4
-K = [[FOCAL[0], 0.0, CENTER[0] - 0.5], [0.0, FOCAL[1], CENTER[1] - 0.5], [0.0, 0.0, 1.0]]
 
 
 def write(folder, where="videos", count=3, draw=None, size=(WIDTH, HEIGHT), **settings):
@@ -35,11 +25,7 @@ def write(folder, where="videos", count=3, draw=None, size=(WIDTH, HEIGHT), **se
     for view, name in enumerate(capture.names):
         own = {} if draw is None else {"draw": draw(capture.pixels(view))}
         write_video(folder / where / f"{name}.mp4", TIMES, *size, **own)
-    entries = [
-        {"name": name, "w": WIDTH, "h": HEIGHT, "K": K, "w2c": pose.tolist()} | settings
-        for name, pose in zip(capture.names, capture.poses, strict=True)
-    ]
-    (folder / "cameras.json").write_text(json.dumps({"cameras": entries}))
+    write_json(folder / "cameras.json", *(entry(view, **settings) for view in range(count)))
     return folder
 
 

@@ -154,6 +154,14 @@ def _quaternion(pose: np.ndarray) -> np.ndarray:
     return np.array([w, x, y, z])
 
 
+def rotation_vector(rotation: np.ndarray) -> list[float]:
+    """The vector of a rotation matrix: its axis, as long as its angle in radians."""
+    angle = np.arccos((np.trace(rotation) - 1) / 2)
+    pairs = ((2, 1), (0, 2), (1, 0))
+    axis = np.array([rotation[i, j] - rotation[j, i] for i, j in pairs])
+    return (angle * axis / (2 * np.sin(angle))).tolist()
+
+
 def opengl(pose: np.ndarray) -> list:
     """The camera-to-world matrix with OpenGL axes that transforms.json files hold."""
     return (np.linalg.inv(pose) @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist()

@@ -1,0 +1,1 @@
+"""Small captures as other programs write them, one module for each format."""
