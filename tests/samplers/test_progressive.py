@@ -48,20 +48,6 @@ def test_the_paper_s_window_takes_a_thirtieth_of_the_times_at_once():
     assert window_sizes(300, 1 / 30, 1 / 30) == list(range(10, 301, 10))
 
 
-def test_looking_ahead_is_exact_and_a_restored_sampler_continues():
-    samples = sampler(seed=3, views_per_step=3)
-    for _ in range(9):
-        samples.next()
-    state = samples.state_dict()
-    ahead = samples.peek(40)
-    assert samples.state_dict() == state == {"position": 9}
-    following = [samples.next() for _ in range(14)]
-    assert [view for step in following for view in step][:40] == list(ahead)
-    other = sampler(seed=3, views_per_step=3)
-    other.load_state_dict(state)
-    assert [other.next() for _ in range(14)] == following
-
-
 def test_a_run_that_ends_before_all_times_are_in_is_refused():
     with pytest.raises(ConfigError) as caught:
         sampler(steps=24)

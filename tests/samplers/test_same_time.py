@@ -36,18 +36,6 @@ def test_epochs_pair_views_anew():
     assert len(set(epochs)) > 1
 
 
-def test_looking_ahead_is_exact_and_a_restored_sampler_continues():
-    samples = sampler(seed=3)
-    for _ in range(7):
-        samples.next()
-    other = sampler(seed=3)
-    other.load_state_dict(samples.state_dict())
-    ahead = samples.peek(13)
-    following = [samples.next() for _ in range(12)]
-    assert [view for step in following for view in step][:13] == list(ahead)
-    assert [other.next() for _ in range(12)] == following
-
-
 @pytest.mark.parametrize(
     ("times", "message"),
     [

@@ -57,22 +57,6 @@ def test_a_step_draws_no_more_views_than_its_time_has():
     assert sizes == [3] * 8 + [1] * 5 + [2] * 10
 
 
-def test_looking_ahead_is_exact_and_a_restored_sampler_continues():
-    samples = sampler(seed=3)
-    for _ in range(7):
-        samples.next()
-    state = samples.state_dict()
-    ahead = samples.peek(30)
-    assert samples.state_dict() == state == {"position": 7}
-    following = [samples.next() for _ in range(30)]
-    assert [view for step in following for view in step][:30] == list(ahead)
-    other = sampler(seed=3)
-    other.load_state_dict(state)
-    assert [other.next() for _ in range(30)] == following
-    again, anew = sampler(seed=3), sampler(seed=4)
-    assert [again.next() for _ in range(8)] != [anew.next() for _ in range(8)]
-
-
 def test_a_run_that_goes_on_stays_at_the_last_time():
     samples = sampler()
     for _ in range(100):

@@ -25,25 +25,6 @@ def test_every_view_comes_once_per_epoch(count, views_per_step, seed):
         assert sorted(stream[epoch * count : (epoch + 1) * count]) == list(range(count))
 
 
-def test_looking_ahead_is_exact_and_changes_nothing():
-    sampler, other = UniformSampler(5, 2, 7), UniformSampler(5, 2, 7)
-    ahead = sampler.peek(16)
-    assert ahead == sampler.peek(16)
-    assert [view for _ in range(8) for view in sampler.next()] == list(ahead)
-    assert [view for _ in range(8) for view in other.next()] == list(ahead)
-
-
-def test_a_restored_sampler_continues_where_it_was():
-    sampler = UniformSampler(7, 3, 1)
-    for _ in range(4):
-        sampler.next()
-    sampler.peek(9)
-    state = sampler.state_dict()
-    other = UniformSampler(7, 3, 1)
-    other.load_state_dict(state)
-    assert [sampler.next() for _ in range(20)] == [other.next() for _ in range(20)]
-
-
 def test_seeds_and_epochs_have_orders_of_their_own():
     def epochs(seed):
         sampler = UniformSampler(50, 50, seed)
