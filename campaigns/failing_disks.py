@@ -15,9 +15,9 @@ from pathlib import Path
 
 from campaign import Campaign, Detail, Outcome, Promise
 from file_faults import CHANGES, Calls, Fault, Kind, fails_with
-from final_outputs import differences, final_outputs
+from final_outputs import final_outputs
 from forked_commands import Command, Ended, Server
-from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
+from interrupted_work import WORKS, Tally, Work, WorkPlace, make_inputs
 
 from gsfw.core.errors import DataError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
@@ -75,27 +75,19 @@ class Disks:
     """Tries faults of disks, in one place."""
 
     def __init__(self, server: Server, base: Path, seed: int) -> None:
-        self.server, self.place, self.inputs = server, base / "disk" / "work", base / "inputs"
-        self.random, self.seed = random.Random(seed), seed
-        self.counts: Counter[tuple[str, str]] = Counter()
-        """Number of trials, by verb and way."""
+        self.work_place = WorkPlace(server, base / "disk" / "work", base / "inputs")
+        self.random, self.seed, self.tally = random.Random(seed), seed, Tally()
         self.ends: Counter[str] = Counter()
-        self.failures: list[str] = []
-        self._known: dict[tuple[Work, Calls], Undisturbed] = {}
+        self._calls: dict[tuple[Work, Calls], int] = {}
         (base / "disk").mkdir()
         self.may_mount = _may_mount(base / "mount")
 
-    def known(self, work: Work, calls: Calls = CHANGES) -> Undisturbed:
-        """The undisturbed run of a work with the number of its calls, made once."""
-        if (work, calls) not in self._known:
-            work.begin(self.place, self.inputs)
-            command = replace(work.command(self.place, self.inputs), fault=Fault(calls=calls))
-            first = next((known for (item, _), known in self._known.items() if item == work), None)
-            if first is None:
-                first = undisturbed(self.server, work, self.place, self.inputs)
-                work.begin(self.place, self.inputs)
-            self._known[work, calls] = replace(first, ended=self.server.run(command))
-        return self._known[work, calls]
+    def calls(self, work: Work, calls: Calls) -> int:
+        """Number of calls of some kinds that the undisturbed work makes, counted once."""
+        if (work, calls) not in self._calls:
+            command = replace(self.work_place.begin(work), fault=Fault(calls=calls))
+            self._calls[work, calls] = self.work_place.server.run(command).calls
+        return self._calls[work, calls]
 
     def trial(self, verb: str, number: int) -> Trial:
         """The trial of a number: all ways in turn, at random calls."""
@@ -104,14 +96,14 @@ class Disks:
         names += MOUNTS if self.may_mount else ()
         way = names[number % len(names)]
         if way in MOUNTS:
-            seconds = self.random.random() * self.known(work).ended.seconds
+            seconds = self.random.random() * self.work_place.known(work).ended.seconds
             room = self.random.randint(4096, MOST_ROOM) if way == MOUNTS[0] else 0
             return Trial(work, way, None, seconds, room)
         found = next(((c, e, lasts) for name, c, e, lasts in WAYS if name == way), None)
         calls = Calls.WRITE if way == "short write" else CHANGES
         if found is not None:
             calls = Calls(sum(set(found[0])))
-        at = self.random.randint(1, max(1, self.known(work, calls).ended.calls))
+        at = self.random.randint(1, max(1, self.calls(work, calls)))
         if found is not None:
             return Trial(work, way, fails_with(found[1], at, (calls,), found[2]))
         kind = Kind.SHORT if way == "short write" else Kind.VANISH
@@ -119,86 +111,77 @@ class Disks:
 
     def attempt(self, verb: str, trial: Trial) -> None:
         """Run a work with a fault, look at its end, and go on with a sound disk."""
-        work, known = trial.work, self.known(trial.work)
-        work.begin(self.place, self.inputs)
-        command = work.command(self.place, self.inputs)
+        work = trial.work
+        self.work_place.known(work)
+        command = self.work_place.begin(work)
         if trial.fault is None:
             ended = self._with_mount(trial, command)
         else:
-            ended = self.server.run(replace(command, fault=trial.fault))
+            ended = self.work_place.server.run(replace(command, fault=trial.fault))
             self._put_back()
-        self.counts[verb, trial.way] += 1
+        self.tally.counts[verb, trial.way] += 1
         self.ends[_end(ended)] += 1
         problems = [*ending_problems(ended), *self._damage(work)]
         if not ended.code:
             problems += [
                 f"exit code 0, but {each}"
-                for each in differences(known.outputs, final_outputs(self.place))
+                for each in self.work_place.differences(work)
                 if not any(name in each for name in SOFT)
             ]
         is_excused = not ended.code  # Then a note has told what could not be written.
         problems += [
             each
-            for each in self._after(work, known)
+            for each in self.work_place.problems_of_going_on(work)
             if not (is_excused and any(name in each for name in SOFT))
         ]
-        self.failures += [f"{trial}, seed {self.seed}: {each}" for each in problems]
+        self.tally.failures += [f"{trial}, seed {self.seed}: {each}" for each in problems]
 
     def _damage(self, work: Work) -> Iterator[str]:
         """Files that were there, or that count as whole, and are not."""
-        for path in self.place.rglob("step_*.pt"):
+        for path in self.work_place.place.rglob("step_*.pt"):
             try:
                 read_checkpoint(path)
             except DataError as error:
                 yield f"damaged: {error.message}"
         if work.inputs == "exported":
-            path = self.place / Path(work.words[-1]).name
+            path = self.work_place.place / Path(work.words[-1]).name
             old = path.is_file() and path.read_bytes() == b"a file of before"
-            now = final_outputs(self.place).get(path.name) if path.is_file() else None
-            if not old and now != self.known(work).outputs[path.name]:
+            now = final_outputs(self.work_place.place).get(path.name) if path.is_file() else None
+            if not old and now != self.work_place.known(work).outputs[path.name]:
                 yield "the file of before is neither there nor replaced by a whole one"
-
-    def _after(self, work: Work, known: Undisturbed) -> Iterator[str]:
-        """Problems of going on with a sound disk."""
-        for _ in range(3):
-            ended = self.server.run(work.going_on(self.place, self.inputs))
-            if not ended.code:
-                break
-        if ended.code:
-            said = (ended.error or ended.complained[-300:] or ended.said[-300:]).strip()
-            yield f"going on ends with exit code {ended.code}: {said}"
-            return
-        for each in differences(known.outputs, final_outputs(self.place)):
-            yield f"after going on, {each}"
 
     def _put_back(self) -> None:
         """Put a folder back that had vanished."""
-        away = Path(f"{self.place}.away")
+        away = Path(f"{self.work_place.place}.away")
         if away.exists():
-            shutil.rmtree(self.place, ignore_errors=True)
-            away.rename(self.place)
+            shutil.rmtree(self.work_place.place, ignore_errors=True)
+            away.rename(self.work_place.place)
 
     def _with_mount(self, trial: Trial, command: Command) -> Ended:
         """Run a command on a file system that is full, or lost after some time."""
-        disk = self.place.parent
+        disk = self.work_place.place.parent
         kept = disk.with_name("kept")
         shutil.copytree(disk, kept)
         try:
             if trial.room:
                 with mounted(["-t", "tmpfs", "-o", f"size={trial.room}", "tmpfs"], disk):
                     shutil.copytree(kept, disk, dirs_exist_ok=True)
-                    ended = self.server.run(command)
+                    ended = self.work_place.server.run(command)
                     shutil.rmtree(kept)
                     shutil.copytree(disk, kept)
             else:
                 with mounted(["--bind", str(kept)], disk):
                     words = f"sleep {trial.seconds}; umount -l '{disk}'"
                     lost = subprocess.Popen(["sh", "-c", words])
-                    ended = self.server.run(command)
+                    ended = self.work_place.server.run(command)
                     lost.wait()
-                    if not ended.code and self.place.exists():
+                    if not ended.code and self.work_place.place.exists():
                         # It was unmounted before the command began to write.
-                        shutil.copytree(self.place, kept / self.place.name, dirs_exist_ok=True)
+                        shutil.copytree(
+                            self.work_place.place,
+                            kept / self.work_place.place.name,
+                            dirs_exist_ok=True,
+                        )
             shutil.rmtree(disk)
             kept.rename(disk)
         finally:
@@ -256,24 +239,17 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
             disks = Disks(server, base, seed)
             for verb, share in SHARES.items():
                 for number in range(max(1, round(share * size))):
-                    before = len(disks.failures)
                     disks.attempt(verb, disks.trial(verb, number))
-                    for line in disks.failures[before:]:
-                        say(line)
-                say(f"{verb}: {sum(disks.counts.values())} faults so far")
+                disks.tally.say(verb, "faults", say)
     return outcome(disks)
 
 
 def outcome(disks: Disks) -> Outcome:
     """The promises, with the counts."""
-    total = sum(disks.counts.values())
-    ways = sorted({way for _, way in disks.counts})
-    rows = [[way, *(disks.counts[verb, way] for verb in SHARES)] for way in ways]
+    total, counts = disks.tally.total(), disks.tally.counts
+    ways = sorted({way for _, way in counts})
+    rows = [[way, *(counts[verb, way] for verb in SHARES)] for way in ways]
     ends = ", ".join(f"{number} {name}" for name, number in sorted(disks.ends.items()))
-
-    def holds(*words: str) -> bool:
-        return not any(word in line for line in disks.failures for word in words)
-
     return Outcome(
         [
             Promise(
@@ -282,7 +258,9 @@ def outcome(disks: Disks) -> Outcome:
                 "fails, once or from then on; short writes, full and lost file systems. A study "
                 "lists the runs that failed, and ends with exit code 1.",
                 f"{total} faults: {ends}",
-                holds("traceback", "hangs", "no message", "not one", "exit code 1", "exit code -"),
+                disks.tally.holds(
+                    "traceback", "hangs", "no message", "not one", "exit code 1", "exit code -"
+                ),
             ),
             Promise(
                 "A failing disk damages no earlier file, and the command continues once the disk "
@@ -290,11 +268,11 @@ def outcome(disks: Disks) -> Outcome:
                 "Earlier checkpoints and files are read after each fault; then the command "
                 "continues, and its outputs are compared with those of an undisturbed one.",
                 f"{total} faults",
-                holds("damaged", "neither", "going on", "exit code 0, but"),
+                disks.tally.holds("damaged", "neither", "going on", "exit code 0, but"),
             ),
         ],
         [Detail("Faults by kind and verb:", ("kind", *SHARES), rows)],
-        disks.failures,
+        disks.tally.failures,
     )
 
 

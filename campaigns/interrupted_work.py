@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy
-from final_outputs import final_outputs
+from final_outputs import differences, final_outputs
 from forked_commands import Command, Ended, Server
-from PIL import Image
 
 from gsfw.core.loop.run_folder import RunFolder
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from support import captured
+from support.small_captures import ring, write_images, write_transforms
 
 SCENE = (
     *("method=3dgs", "device=cpu", "datamanager.views=16", "datamanager.eval_views=2"),
@@ -43,7 +42,9 @@ scenes: {balls: {}}
 columns: [psnr, num_gaussians]
 """
 
-PHOTOS, PHOTO_SIZE = 6, (64, 48)
+PHOTOS = 6
+MOST_TRIES = 4
+"""Times that a command may be given until it ends with exit code 0."""
 
 
 @dataclass(frozen=True)
@@ -147,27 +148,10 @@ def make_inputs(server: Server, inputs: Path) -> None:
 
 
 def _write_capture(folder: Path) -> None:
-    """Six images of a lens with distortion, with their cameras in a transforms.json."""
-    width, height = PHOTO_SIZE
-    (folder / "images").mkdir(parents=True)
-    frames = []
-    for number in range(PHOTOS):
-        angle = 2 * numpy.pi * number / PHOTOS
-        values = numpy.add.outer(numpy.arange(height), numpy.arange(width)) * (number + 3) % 256
-        pixels = numpy.stack([values, values[::-1], 255 - values], axis=2).astype(numpy.uint8)
-        name = f"images/photo_{number}.png"
-        Image.fromarray(pixels).save(folder / name)
-        turn = numpy.eye(4)
-        turn[:3, :3] = [
-            [-numpy.sin(angle), 0, numpy.cos(angle)],
-            [numpy.cos(angle), 0, numpy.sin(angle)],
-            [0, 1, 0],
-        ]
-        turn[:3, 3] = 3 * turn[:3, 2]
-        frames.append({"file_path": name, "transform_matrix": turn.tolist()})
-    lens = {"fl_x": 60, "fl_y": 60, "cx": width / 2, "cy": height / 2, "k1": -0.05}
-    document = {**lens, "w": width, "h": height, "frames": frames}
-    (folder / "transforms.json").write_text(json.dumps(document))
+    """Images of a lens with distortion, with their cameras in a transforms.json."""
+    capture = ring(PHOTOS)
+    write_images(folder, capture)
+    write_transforms(folder / "transforms.json", capture, k1=-0.05)
 
 
 def _write_photos(folder: Path) -> None:
@@ -185,14 +169,81 @@ class Undisturbed:
     outputs: Mapping[str, Any]
 
 
-def undisturbed(server: Server, work: Work, place: Path, inputs: Path) -> Undisturbed:
-    """Run a work without a fault.
+class WorkPlace:
+    """A place where a server runs works, and their ends there when nothing disturbs them."""
 
-    Raises:
-        RuntimeError: it fails.
-    """
-    work.begin(place, inputs)
-    ended = server.run(work.command(place, inputs))
-    if ended.code:
-        raise RuntimeError(f"{work.name}: {ended.complained}")
-    return Undisturbed(ended, final_outputs(place))
+    def __init__(self, server: Server, place: Path, inputs: Path) -> None:
+        """A place to be emptied for each work.
+
+        Args:
+            server: runs the commands.
+            place: folder that they write into.
+            inputs: folder of ``make_inputs``.
+        """
+        self.server, self.place, self.inputs = server, place, inputs
+        self._known: dict[Work, Undisturbed] = {}
+
+    def begin(self, work: Work) -> Command:
+        """Make the place as it is before a work; its command."""
+        work.begin(self.place, self.inputs)
+        return work.command(self.place, self.inputs)
+
+    def going_on(self, work: Work) -> Command:
+        """The command that goes on with what is in the place."""
+        return work.going_on(self.place, self.inputs)
+
+    def known(self, work: Work) -> Undisturbed:
+        """The undisturbed run of a work, made once.
+
+        Raises:
+            RuntimeError: it fails.
+        """
+        if work not in self._known:
+            ended = self.server.run(self.begin(work))
+            if ended.code:
+                raise RuntimeError(f"{work.name}: {ended.complained}")
+            self._known[work] = Undisturbed(ended, final_outputs(self.place))
+        return self._known[work]
+
+    def differences(self, work: Work) -> Iterator[str]:
+        """Outputs in the place that are not those of the undisturbed run."""
+        return differences(self.known(work).outputs, final_outputs(self.place))
+
+    def problems_of_going_on(self, work: Work) -> Iterator[str]:
+        """Go on until the command is done; tell its error, or its wrong outputs."""
+        for _ in range(MOST_TRIES):
+            ended = self.server.run(self.going_on(work))
+            if ended.code == 0 or ended.hung:
+                break
+        if ended.code:
+            said = (ended.error or ended.complained[-300:] or ended.said[-300:]).strip()
+            yield f"going on ends with exit code {ended.code}: {said}"
+            return
+        for each in self.differences(work):
+            yield f"after going on, {each}"
+
+
+@dataclass
+class Tally:
+    """Counts of a campaign, and what broke a promise."""
+
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """Number of points, by verb and kind of point."""
+    failures: list[str] = field(default_factory=list)
+    told: int = 0
+    """Number of failures that were said."""
+
+    def total(self, *kinds: str) -> int:
+        """Points of some kinds; of all without any."""
+        return sum(n for (_, kind), n in self.counts.items() if kind in kinds or not kinds)
+
+    def holds(self, *words: str) -> bool:
+        """True if no failure has one of the words."""
+        return not any(word in line for line in self.failures for word in words)
+
+    def say(self, verb: str, noun: str, say: Callable[[str], None]) -> None:
+        """Say the failures since the last time, and the number of points so far."""
+        for line in self.failures[self.told :]:
+            say(line)
+        self.told = len(self.failures)
+        say(f"{verb}: {self.total()} {noun} so far")

@@ -5,16 +5,15 @@ from __future__ import annotations
 import random
 import signal
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from campaign import Campaign, Detail, Outcome, Promise
 from file_faults import WINDOWS, Fault, Kind, ends_at
-from final_outputs import differences, final_outputs, negative_times
+from final_outputs import negative_times
 from forked_commands import Command, Ended, Server
-from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
+from interrupted_work import MOST_TRIES, WORKS, Tally, Work, WorkPlace, make_inputs
 
 SHARES = {"train": 0.42, "export": 0.28, "prepare": 0.2, "study": 0.06, "tradeoff": 0.04}
 """Parts of the points for each verb: longer commands get fewer."""
@@ -25,55 +24,30 @@ LEAVING = {130, 128 + signal.SIGTERM, 128 + signal.SIGHUP}
 
 DAY, YEAR = 86_400, 365 * 86_400
 
-MOST_TRIES = 4
-"""Times that a command may be given until it ends with exit code 0."""
-
-
-@dataclass
-class Tally:
-    """Counts of a campaign, and what broke a promise."""
-
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Number of points, by verb and kind of point."""
-    failures: list[str] = field(default_factory=list)
-
-    def count(self, verb: str, kind: str) -> None:
-        """Add a point."""
-        self.counts[verb, kind] += 1
-
-    def total(self, *kinds: str) -> int:
-        """Points of some kinds."""
-        return sum(number for (_, kind), number in self.counts.items() if kind in kinds)
-
 
 class Trials:
     """Tries points of works, in one place."""
 
     def __init__(self, server: Server, base: Path, seed: int) -> None:
-        self.server, self.place, self.inputs = server, base / "work", base / "inputs"
+        self.work_place = WorkPlace(server, base / "work", base / "inputs")
         self.seed, self.random, self.tally = seed, random.Random(seed), Tally()
-        self._known: dict[Work, Undisturbed] = {}
-
-    def known(self, work: Work) -> Undisturbed:
-        """The undisturbed run of a work, made once."""
-        if work not in self._known:
-            self._known[work] = undisturbed(self.server, work, self.place, self.inputs)
-        return self._known[work]
 
     def killed(self, verb: str, number: int) -> None:
         """Kill a work of a verb at a random point, once or twice, and go on."""
         works = WORKS[verb]
         work = works[number % len(works)]
-        self.known(work)
+        self.work_place.known(work)
         kind = "at a random time" if number % 2 else "at a system call"
-        at, ended = self._killed(work, work.command(self.place, self.inputs), kind)
+        at, ended = self._killed(
+            work, work.command(self.work_place.place, self.work_place.inputs), kind
+        )
         if ended is None:
             return
-        self.tally.count(verb, kind)
+        self.tally.counts[verb, kind] += 1
         if number % 4 > 1:
-            again, ended = self._killed(work, work.going_on(self.place, self.inputs), kind, False)
+            again, ended = self._killed(work, self.work_place.going_on(work), kind, False)
             if ended is not None:
-                self.tally.count(verb, "again while it continues")
+                self.tally.counts[verb, "again while it continues"] += 1
                 at = f"{at}, then {again}"
         self._check(work, at)
 
@@ -81,12 +55,12 @@ class Trials:
         self, work: Work, command: Command, kind: str, is_first: bool = True
     ) -> tuple[str, Ended | None]:
         """Run a command and kill it; ``None`` where it ended before."""
-        known = self.known(work).ended
+        known = self.work_place.known(work).ended
         for _ in range(MOST_TRIES):
             command, at = self._with_kill(command, known, kind)
             if is_first:
-                work.begin(self.place, self.inputs)
-            ended = self.server.run(command)
+                self.work_place.begin(work)
+            ended = self.work_place.server.run(command)
             if ended.code:
                 return at, ended
             if not is_first:
@@ -107,8 +81,8 @@ class Trials:
         """Send a signal to a work of a verb at a random point, and go on."""
         works = WORKS[verb]
         work = works[number % len(works)]
-        known = self.known(work).ended
-        command = work.command(self.place, self.inputs)
+        known = self.work_place.known(work).ended
+        command = work.command(self.work_place.place, self.work_place.inputs)
         if number % 2:
             seconds = self.random.random() * known.seconds
             command = replace(command, signals=((seconds, which),))
@@ -117,10 +91,10 @@ class Trials:
             call = self.random.randint(1, known.calls)
             fault = Fault(Kind.SIGNAL, WINDOWS, which, call)
             command, at = replace(command, fault=fault), str(fault)
-        work.begin(self.place, self.inputs)
-        ended = self.server.run(command)
-        self.tally.count(verb, which.name)
-        for problem in signal_problems(verb, ended, self.place):
+        self.work_place.begin(work)
+        ended = self.work_place.server.run(command)
+        self.tally.counts[verb, which.name] += 1
+        for problem in signal_problems(verb, ended, self.work_place.place):
             self._fail(work, at, problem)
         self._check(work, at)
 
@@ -128,30 +102,20 @@ class Trials:
         """Run a work whose clock jumps."""
         work = self.random.choice(WORKS[verb])
         fault = Fault(clock=offset, clock_at=self.random.randint(0, 60))
-        known = self.known(work)
-        work.begin(self.place, self.inputs)
-        ended = self.server.run(replace(work.command(self.place, self.inputs), fault=fault))
-        self.tally.count(verb, "clock jump")
+        self.work_place.known(work)
+        ended = self.work_place.server.run(replace(self.work_place.begin(work), fault=fault))
+        self.tally.counts[verb, "clock jump"] += 1
         if ended.code:
             self._fail(work, str(fault), f"exit code {ended.code}: {ended.error}")
             return
-        for difference in differences(known.outputs, final_outputs(self.place)):
+        for difference in self.work_place.differences(work):
             self._fail(work, str(fault), difference)
-        for name in negative_times(self.place):
+        for name in negative_times(self.work_place.place):
             self._fail(work, str(fault), f"{name} is negative")
 
     def _check(self, work: Work, at: str) -> None:
-        """Go on until the command is done; the outputs are those of the undisturbed run."""
-        for _ in range(MOST_TRIES):
-            ended = self.server.run(work.going_on(self.place, self.inputs))
-            if ended.code == 0 or ended.hung:
-                break
-        if ended.code:
-            said = (ended.error or ended.complained[-300:] or ended.said[-300:]).strip()
-            self._fail(work, at, f"going on ends with exit code {ended.code}: {said}")
-            return
-        for difference in differences(self.known(work).outputs, final_outputs(self.place)):
-            self._fail(work, at, difference)
+        for problem in self.work_place.problems_of_going_on(work):
+            self._fail(work, at, problem)
 
     def _fail(self, work: Work, at: str, what: str) -> None:
         self.tally.failures.append(f"{work.name}, seed {self.seed}, {at}: {what}")
@@ -189,16 +153,13 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
 def try_all(trials: Trials, size: int, say: Callable[[str], None]) -> None:
     """Try all points of all verbs."""
     for verb, share in SHARES.items():
-        told = len(trials.tally.failures)
         for number in range(max(2, round(share * size))):
             trials.killed(verb, number)
         for number in range(max(3, round(share * size / 3))):
             trials.interrupted(verb, number // 3, SIGNALS[number % 3])
         for number in range(max(2, round(share * size / 20))):
             trials.with_clock(verb, (-DAY, YEAR)[number % 2])
-        for line in trials.tally.failures[told:]:
-            say(line)
-        say(f"{verb}: {sum(trials.tally.counts.values())} points so far")
+        trials.tally.say(verb, "points", say)
 
 
 KILLS = ("at a random time", "at a system call", "again while it continues")
@@ -207,10 +168,6 @@ NAMES = tuple(each.name for each in SIGNALS)
 
 def outcome(tally: Tally) -> Outcome:
     """The promises, with the counts."""
-
-    def holds(*words: str) -> bool:
-        return not any(word in line for line in tally.failures for word in words)
-
     columns = (*KILLS, *NAMES, "clock jump")
     rows = [[verb, *(tally.counts[verb, kind] for kind in columns)] for verb in SHARES]
     return Outcome(
@@ -220,19 +177,19 @@ def outcome(tally: Tally) -> Outcome:
                 "SIGKILL to all its processes at random times, and before or after random system "
                 "calls; then gsfw resume, or the same command.",
                 f"{tally.total(*KILLS)} kills of {', '.join(SHARES)}",
-                holds("SIGKILL"),
+                tally.holds("SIGKILL"),
             ),
             Promise(
                 "Ctrl-C, SIGTERM and SIGHUP end a command with a message, and it can continue.",
                 "Each signal at random times and system calls.",
                 f"{tally.total(*NAMES)} signals",
-                holds(*NAMES),
+                tally.holds(*NAMES),
             ),
             Promise(
                 "A jump of the clock changes no result.",
                 "The clock goes back a day, or forward a year, during the command.",
                 f"{tally.total('clock jump')} jumps",
-                holds("clock moved"),
+                tally.holds("clock moved"),
             ),
         ],
         [Detail("Points by verb:", ("verb", *(f"{each}" for each in columns)), rows)],

@@ -11,10 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from campaign import Campaign, Detail, Outcome, Promise
-from final_outputs import differences, final_outputs
 from forked_commands import Command, Ended, Server
-from interrupted_work import WORKS, Undisturbed, Work, make_inputs, undisturbed
-from interruptions import Tally
+from interrupted_work import WORKS, Tally, Work, WorkPlace, make_inputs
 
 SHARES = {"train": 0.34, "resume": 0.2, "export": 0.24, "prepare": 0.14, "study": 0.08}
 """Parts of the races for each verb."""
@@ -23,8 +21,6 @@ AT_ONCE = 0.4
 REFUSED = 2
 ENDS = ("both done", "one refused", "both refused")
 """Ends of two commands, by the number of those that are refused."""
-MOST_TRIES = 3
-"""Times that the command is given afterwards, until it ends with exit code 0."""
 
 
 class Races:
@@ -38,36 +34,35 @@ class Races:
             base: folder of the place, and of the ``inputs`` of ``make_inputs``.
             seed: of the times.
         """
-        self.servers, self.place, self.inputs = servers, base / "work", base / "inputs"
+        self.servers, self.work_place = (
+            servers,
+            WorkPlace(servers[0], base / "work", base / "inputs"),
+        )
         self.seed, self.random, self.tally = seed, random.Random(seed), Tally()
-        self._known: dict[Work, Undisturbed] = {}
 
     def race(self, verb: str, number: int) -> None:
         """Run a work of a verb twice at once, and once more."""
         works = WORKS["train" if verb == "resume" else verb]
         work = works[number % len(works)]
-        if work not in self._known:
-            self._known[work] = undisturbed(self.servers[0], work, self.place, self.inputs)
-        known, apart = self._known[work], 0.0
-        work.begin(self.place, self.inputs)
-        command = work.command(self.place, self.inputs)
+        seconds, apart = self.work_place.known(work).ended.seconds, 0.0
+        command = self.work_place.begin(work)
         if verb == "resume":
-            command = self._begun(work, command, known)
+            command = self._begun(work, command, seconds)
         if self.random.random() > AT_ONCE:
-            apart = self.random.random() * known.ended.seconds
+            apart = self.random.random() * seconds
         ends = self._both(command, apart)
-        self.tally.count(verb, how(ends))
-        found = [*race_problems(ends), *self._after(work, known)]
+        self.tally.counts[verb, how(ends)] += 1
+        found = [*race_problems(ends), *self.work_place.problems_of_going_on(work)]
         self.tally.failures += [
             f"{verb}, {work.name}, seed {self.seed}, {apart:.3f} s apart: {each}" for each in found
         ]
 
-    def _begun(self, work: Work, command: Command, known: Undisturbed) -> Command:
+    def _begun(self, work: Work, command: Command, whole: float) -> Command:
         """Kill a training in its second half; the command that goes on with it."""
-        seconds = known.ended.seconds * (0.5 + 0.4 * self.random.random())
+        seconds = whole * (0.5 + 0.4 * self.random.random())
         killed = Command(command.words, command.folder, signals=((seconds, signal.SIGKILL),))
         self.servers[0].run(killed)
-        return work.going_on(self.place, self.inputs)
+        return self.work_place.going_on(work)
 
     def _both(self, command: Command, apart: float) -> list[Ended]:
         """The ends of a command that is run twice."""
@@ -79,17 +74,6 @@ class Races:
         with ThreadPoolExecutor(2) as pool:
             ends = pool.submit(self.servers[0].run, command), pool.submit(second)
             return [end.result() for end in ends]
-
-    def _after(self, work: Work, known: Undisturbed) -> Iterator[str]:
-        """Tell faults of the place after both, and of the way to go on."""
-        for _ in range(MOST_TRIES):
-            ended = self.servers[0].run(work.going_on(self.place, self.inputs))
-            if ended.code == 0:
-                break
-        if ended.code:
-            yield f"going on ends with exit code {ended.code}: {ended.error.strip()}"
-            return
-        yield from differences(known.outputs, final_outputs(self.place))
 
 
 def how(ends: Sequence[Ended]) -> str:
@@ -121,19 +105,16 @@ def run(size: int, seed: int, say: Callable[[str], None]) -> Outcome:
             make_inputs(one, base / "inputs")
             races = Races((one, two), base, seed)
             for verb, share in SHARES.items():
-                told = len(races.tally.failures)
                 for number in range(max(2, round(share * size))):
                     races.race(verb, number)
-                for line in races.tally.failures[told:]:
-                    say(line)
-                say(f"{verb}: {sum(races.tally.counts.values())} races so far")
+                races.tally.say(verb, "races", say)
     return outcome(races.tally)
 
 
 def outcome(tally: Tally) -> Outcome:
     """The promise, with the counts."""
     rows = [[verb, *(tally.counts[verb, end] for end in ENDS)] for verb in SHARES]
-    total = sum(tally.counts.values())
+    total = tally.total()
     promise = Promise(
         "Two commands at the same time in one folder do not disturb each other.",
         "A command runs twice, at the same time or a random time apart. At most one is refused, "

@@ -81,7 +81,7 @@ def test_disks_fail_in_words_and_damage_nothing(server, base):
     ):
         disks.attempt("export", Trial(EXPORT, "a fault", fault))
     disks.attempt("train", Trial(TRAIN, "stale", fails_with("ESTALE", 150, (*Calls,), True)))
-    assert disks.failures == []
+    assert disks.tally.failures == []
     assert disks.ends["one sentence, exit code 2"] >= 3
     assert len(failing_disks.outcome(disks).promises) == 2
 
@@ -90,12 +90,13 @@ def test_disks_fail_in_words_and_damage_nothing(server, base):
 @needs_compiler
 def test_a_damaged_checkpoint_and_a_cut_file_of_before_are_found(server, base, tmp_path):
     disks = Disks(server, tmp_path, 8)
-    disks.inputs = base / "inputs"
-    RunFolder(disks.place).checkpoints.mkdir(parents=True)
-    RunFolder(disks.place).checkpoint(3).write_bytes(b"half")
+    disks.work_place.inputs = base / "inputs"
+    run = RunFolder(disks.work_place.place)
+    run.checkpoints.mkdir(parents=True)
+    run.checkpoint(3).write_bytes(b"half")
     assert any("damaged: " in each for each in disks._damage(TRAIN))
-    disks.known(EXPORT)
-    (disks.place / "model.ply").write_bytes(b"half of a new file")
+    disks.work_place.known(EXPORT)
+    (run.path / "model.ply").write_bytes(b"half of a new file")
     assert any("neither there nor replaced" in each for each in disks._damage(EXPORT))
 
 
