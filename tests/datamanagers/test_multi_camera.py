@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from gsfw.core.datamanager import Split
-from gsfw.core.errors import ConfigError, DataError
-from gsfw.core.ranges import check_ranges
+from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Lens
 from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.multi_camera import hold_out_cameras
@@ -67,9 +66,3 @@ def test_holding_out_all_cameras_is_refused():
 )
 def test_times_are_chosen(settings, expected):
     assert SynchronisedVideosConfig(**settings).chosen_times(10, "data") == expected
-
-
-@pytest.mark.parametrize("settings", [{"first": -1}, {"frames": -1}, {"stride": 0}, {"fps": -2.0}])
-def test_times_out_of_range_are_refused(settings):
-    with pytest.raises(ConfigError, match=f"^datamanager.{next(iter(settings))}=-?\\d: expected a"):
-        check_ranges(SynchronisedVideosConfig(**settings), "datamanager.")

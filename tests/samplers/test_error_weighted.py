@@ -7,8 +7,6 @@ import pytest
 import torch
 from support.timed_views import timed_views
 
-from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
 from gsfw.samplers.error_weighted import ErrorWeightedConfig
 
 LOSSES = (0.1, 0.2, 0.3, 0.4, 1.0)
@@ -131,17 +129,3 @@ def test_what_was_restored_is_a_copy():
     state = pickled(samples)
     train(other, 20)
     assert pickled(samples) == state
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"uniform_share": 1.5}, "sampler.uniform_share=1.5: expected a number from 0 to 1."),
-        ({"memory": 1.0}, "sampler.memory=1: expected a number of at least 0 and below 1."),
-        ({"views_per_step": 0}, "sampler.views_per_step=0: expected a number of at least 1."),
-    ],
-)
-def test_settings_out_of_range_are_refused(settings, message):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(ErrorWeightedConfig(**settings), "sampler.")
-    assert str(caught.value) == message

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
 from gsfw.samplers.progressive import ProgressiveConfig, window_sizes
 
 TIMES = (0.0, 0.75, 0.25, 1.0, 0.5, 0.0, 0.25, 0.75)
@@ -56,27 +55,6 @@ def test_a_run_that_ends_before_all_times_are_in_is_refused():
         "Give a smaller sampler.grow_every, or a larger sampler.window or sampler.growth."
     )
     assert sampler(steps=25).next()
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (
-            {"window": 0.0},
-            "sampler.window=0: expected a number above 0 and at most 1.",
-        ),
-        (
-            {"growth": 1.5},
-            "sampler.growth=1.5: expected a number above 0 and at most 1.",
-        ),
-        ({"grow_every": 0}, "sampler.grow_every=0: expected a number of at least 1."),
-        ({"views_per_step": 0}, "sampler.views_per_step=0: expected a number of at least 1."),
-    ],
-)
-def test_settings_out_of_range_are_refused(settings, message):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(ProgressiveConfig(**settings), "sampler.")
-    assert str(caught.value) == message
 
 
 def test_views_without_times_are_refused():

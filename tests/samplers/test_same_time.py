@@ -4,7 +4,6 @@ import pytest
 from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
 from gsfw.samplers.same_time import SameTimeConfig
 
 TIMES = (0.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.0, 0.0)
@@ -54,9 +53,3 @@ def test_views_that_share_no_time_are_refused(times, message):
     with pytest.raises(ConfigError) as caught:
         SameTimeConfig().build(timed_views(times), 0, 100)
     assert str(caught.value) == message
-
-
-def test_settings_out_of_range_are_refused():
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(SameTimeConfig(views_per_step=0), "sampler.")
-    assert caught.value.message == "sampler.views_per_step=0: expected a number of at least 1."

@@ -1,15 +1,12 @@
 """Uniform sampling."""
 
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.scenes import front_camera
 
 from gsfw.core.datamanager import Views
-from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
-from gsfw.samplers.uniform import UniformConfig, UniformSampler
+from gsfw.samplers.uniform import UniformSampler
 
 
 def views(count: int) -> Views:
@@ -38,10 +35,3 @@ def test_the_generators_of_torch_are_left_alone():
     before = torch.get_rng_state()
     UniformSampler(50, 2, 0).next()
     assert torch.equal(torch.get_rng_state(), before)
-
-
-def test_settings_out_of_range_are_refused():
-    assert len(UniformConfig(views_per_step=3).build(views(4), 0, 100).next()) == 3
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(UniformConfig(views_per_step=0), "sampler.")
-    assert caught.value.message == "sampler.views_per_step=0: expected a number of at least 1."

@@ -10,8 +10,6 @@ from support.scenes import random_splats
 from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Feature
-from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.step_settings import step_settings
@@ -411,31 +409,3 @@ def test_the_defaults_are_those_of_the_paper():
     config = AdcConfig()
     assert config.budget == "none"
     assert (config.grow_time_gradient, config.prune_lifetime, config.max_rounds) == (0, 0, 0)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"refine_every": 0}, "strategy.refine_every=0: expected a number of at least 1."),
-        (
-            {"grow_time_gradient": -1.0},
-            "strategy.grow_time_gradient=-1: expected a number of at least 0.",
-        ),
-        (
-            {"split_lifetime": -0.1},
-            "strategy.split_lifetime=-0.1: expected a number of at least 0.",
-        ),
-        ({"prune_lifetime": -2.0}, "strategy.prune_lifetime=-2: expected a number of at least 0."),
-        ({"max_rounds": -1}, "strategy.max_rounds=-1: expected a number of at least 0."),
-        ({"refine_start": -5}, "strategy.refine_start=-5: expected a number of at least 0."),
-        ({"max_gaussians": -3}, "strategy.max_gaussians=-3: expected a number of at least 0."),
-        (
-            {"reset_opacity": 1.0},
-            "strategy.reset_opacity=1: expected a number above 0 and below 1.",
-        ),
-    ],
-)
-def test_settings_out_of_range_are_refused(settings, message):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(replace(SETTINGS, **settings), "strategy.")
-    assert caught.value.message == message

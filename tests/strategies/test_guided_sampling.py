@@ -13,9 +13,7 @@ from support.states import assert_same_bits
 from gsfw.core.batch import Batch, MaskMode
 from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Feature
-from gsfw.core.errors import ConfigError
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb
-from gsfw.core.ranges import check_ranges
 from gsfw.core.refiner import GrowthLimits, RefineContext
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth
@@ -254,21 +252,6 @@ def test_it_is_a_part_of_adc_that_is_off_by_default():
     assert list(adc.state_dict()["guided"]["seen"]) == [0]
     adc.edit(99, table, model, torch.Generator())
     assert adc.state_dict()["guided"]["seen"] == {}, "after the last refinement there is no round"
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"rounds": -1}, "strategy.guided.rounds=-1: expected a number of at least 0."),
-        ({"start": -1}, "strategy.guided.start=-1: expected a number of at least 0."),
-        ({"every": 0}, "strategy.guided.every=0: expected a number of at least 1."),
-        ({"share": 0.0}, "strategy.guided.share=0: expected a number above 0 and at most 1."),
-    ],
-)
-def test_settings_out_of_range_are_refused(changes, message):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(AdcConfig(guided=replace(CONFIG, **changes)), "strategy.")
-    assert str(caught.value) == message
 
 
 @pytest.mark.slow

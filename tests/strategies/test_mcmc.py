@@ -10,9 +10,7 @@ from support.scenes import random_splats
 from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.errors import ConfigError
 from gsfw.core.operators import Operators
-from gsfw.core.ranges import check_ranges
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.splats import Splats
@@ -265,25 +263,3 @@ def test_the_defaults_are_those_of_the_paper():
     }  # fmt: skip
     assert (config.gradient_share, config.budget) == (0.0, "none")
     assert config.recommended == {"init_opacity": 0.5, "init_scale": 0.1}
-
-
-@pytest.mark.parametrize("key", ["refine_every", "cap_max"])
-def test_settings_out_of_range_are_refused(key):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(replace(SETTINGS, **{key: 0}), "strategy.")
-    assert caught.value.message == f"strategy.{key}=0: expected a number of at least 1."
-
-
-@pytest.mark.parametrize(("key", "value"), [("growth", -0.5), ("refine_start", -2)])
-def test_negative_settings_are_refused(key, value):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(replace(SETTINGS, **{key: value}), "strategy.")
-    assert caught.value.message == f"strategy.{key}={value}: expected a number of at least 0."
-
-
-@pytest.mark.parametrize("share", [-0.1, 1.5])
-def test_shares_out_of_range_are_refused(share):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(replace(SETTINGS, gradient_share=share), "strategy.")
-    said = f"strategy.gradient_share={share:g}: expected a number from 0 to 1."
-    assert caught.value.message == said

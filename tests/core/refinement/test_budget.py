@@ -4,7 +4,6 @@ import pytest
 from support.gaussians import gaussians, toy_scene
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
 from gsfw.core.refinement.budget import BudgetSize, with_budget
 from gsfw.strategies.adc import AdcConfig
 from gsfw.strategies.mcmc import McmcConfig
@@ -37,18 +36,3 @@ def test_what_is_no_budget_is_refused(kind, text):
         f"strategy.budget={text}: expected none, auto, a number of Gaussians such as 50000, "
         "or megabytes such as 20MB."
     )
-
-
-@STRATEGIES
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"budget_every": 0}, "strategy.budget_every=0: expected a number of at least 1."),
-        ({"budget_share": 0.0}, "strategy.budget_share=0: expected a number above 0 and below 1."),
-        ({"budget_share": 1.0}, "strategy.budget_share=1: expected a number above 0 and below 1."),
-    ],
-)
-def test_settings_out_of_range_are_refused(kind, settings, said):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(kind(**settings), "strategy.")
-    assert caught.value.message == said

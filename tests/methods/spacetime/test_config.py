@@ -66,29 +66,6 @@ def test_features_ask_for_six_extra_channels():
     assert (needs.channels, needs.extra_channels) == (3, 6)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"motion_order": 0}, "motion_order=0: expected a number from 1 to 5."),
-        ({"motion_order": 6}, "motion_order=6: expected a number from 1 to 5."),
-        ({"motion_start": -1}, "motion_start=-1: expected a number of at least 0."),
-        ({"motion_every": 0}, "motion_every=0: expected a number of at least 1."),
-        ({"motion_tolerance": 1.0}, "motion_tolerance=1: expected a number above 0 and below 1."),
-        ({"init_duration": 0.0}, "init_duration=0: expected a number above 0 and at most 10."),
-        ({"lifetime_reg": -1.0}, "lifetime_reg=-1: expected a number of at least 0."),
-        ({"sh_degree": 5}, "sh_degree=5: expected a number from 0 to 4."),
-        (
-            {"optim": SpacetimeOptim(motion_lr=-1.0)},
-            "optim.motion_lr=-1: expected a finite number of at least 0.",
-        ),
-    ],
-)
-def test_values_out_of_range_are_refused(settings, message):
-    with pytest.raises(ConfigError) as caught:
-        SpacetimeConfig(**settings).check()
-    assert caught.value.message == message
-
-
 def test_other_colours_are_refused_with_the_ones_there_are():
     with pytest.raises(ConfigError) as caught:
         resolved(colors="grey")

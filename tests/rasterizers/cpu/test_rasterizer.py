@@ -10,7 +10,6 @@ from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Determinism, Feature, Needs
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT
-from gsfw.core.ranges import check_ranges
 from gsfw.core.render_settings import RenderSettings
 from gsfw.kernels.cpu import native_module
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
@@ -46,13 +45,6 @@ def test_more_pairs_than_can_be_numbered_are_refused_whatever_is_allowed():
         "reaches; rasterizer.pairs_mb=1e+09 does not allow that.",
         "No more than 4294967295 pairs can be numbered: render a smaller image.",
     ]
-
-
-@pytest.mark.parametrize("amount", [0.0, -1.0, float("nan")])
-def test_a_limit_without_memory_is_refused(amount):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(CpuConfig(pairs_mb=amount), "rasterizer.")
-    assert str(caught.value) == (f"rasterizer.pairs_mb={amount:g}: expected a number above 0.")
 
 
 @needs_native

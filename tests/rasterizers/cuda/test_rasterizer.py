@@ -16,7 +16,6 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Determinism, Feature, Needs
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT
-from gsfw.core.ranges import check_ranges
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
 from gsfw.core.splats import Splats
 from gsfw.kernels.cuda.instances import CHUNKS, instances
@@ -144,13 +143,6 @@ def test_more_channels_than_are_drawn_at_once_are_refused():
         "splats: expected at most 40 channels with those of extra and depth, found 41; render "
         "them in several passes"
     )
-
-
-@pytest.mark.parametrize("amount", [0.0, -1.0, float("nan")])
-def test_a_limit_without_memory_is_refused(amount):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(CudaConfig(pairs_mb=amount), "rasterizer.")
-    assert str(caught.value) == (f"rasterizer.pairs_mb={amount:g}: expected a number above 0.")
 
 
 def test_it_says_what_it_can_do():

@@ -10,7 +10,6 @@ from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Capabilities, Determinism, Feature, Needs, check_fit, fitting
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT
-from gsfw.core.ranges import check_ranges
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.core.splats import Sh
 from gsfw.rasterizers import gsfw_rasterizers
@@ -65,20 +64,6 @@ def test_what_it_cannot_do_is_refused_when_asked_for_directly():
     settings = RenderSettings(antialias=True, statistics=frozenset({Statistic.ABSGRAD}))
     with pytest.raises(ValueError, match="settings: the ray rasterizer has no absgrad and no anti"):
         RayRasterizer().render(splats, camera, settings)
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"samples": 0}, "rasterizer.samples=0: expected a number of at least 1."),
-        ({"sampling_seed": -1}, "rasterizer.sampling_seed=-1: expected a number of at least 0."),
-        ({"chunk_mb": 0.0}, "rasterizer.chunk_mb=0: expected a number above 0."),
-    ],
-)
-def test_settings_that_cannot_be_drawn_with_are_refused(settings, said):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(RayConfig(**settings), "rasterizer.")
-    assert str(caught.value) == said
 
 
 @pytest.mark.parametrize("model", list(CameraModel))

@@ -10,8 +10,6 @@ import torch
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Determinism, Feature, Needs
-from gsfw.core.errors import ConfigError
-from gsfw.core.ranges import check_ranges
 from gsfw.rasterizers import gsfw_rasterizers
 from gsfw.rasterizers.reference.config import ReferenceConfig
 
@@ -42,10 +40,3 @@ def test_it_is_registered_and_built_from_its_config():
     (spec,) = (spec for spec in gsfw_rasterizers() if spec.name == "reference")
     config = spec.load()(chunk_mb=1.0)
     assert config.build(torch.device("cpu")).chunk_mb == 1.0
-
-
-@pytest.mark.parametrize("key", ["chunk_mb", "pairs_mb"])
-def test_settings_without_memory_are_refused(key):
-    with pytest.raises(ConfigError) as caught:
-        check_ranges(ReferenceConfig(**{key: 0.0}), "rasterizer.")
-    assert str(caught.value) == f"rasterizer.{key}=0: expected a number above 0."
