@@ -25,6 +25,8 @@ from statistics import median
 
 from printing import say
 
+from gsfw.core.machine_memory import anonymous_memory
+
 SCENE = (
     *("train", "method=3dgs", "datamanager=synthetic", "strategy=none", "report=false"),
     *("log_every=1", "datamanager.views=16", "datamanager.eval_views=2", "eval_every=0"),
@@ -106,9 +108,7 @@ def memories(word: str) -> Mapping[int, float]:
         try:
             if word.encode() not in (folder / "cmdline").read_bytes():
                 continue
-            for line in (folder / "status").read_text().splitlines():
-                if line.startswith("RssAnon:"):
-                    found[int(folder.name)] = int(line.split()[1]) * 1024 / 1e6
+            found[int(folder.name)] = anonymous_memory(folder / "status") / 1e6
         except OSError:  # It has ended meanwhile.
             continue
     return found

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,7 @@ from pathlib import Path
 import torch
 from printing import say
 
+from gsfw.core.machine_memory import anonymous_memory
 from gsfw.plugins.compose import compose
 from gsfw.plugins.memory_fit import MemoryFit
 from gsfw.plugins.registry import installed
@@ -79,22 +79,32 @@ CASES = (
 
 def measured(case: Case, out: Path) -> int:
     """Peak of the anonymous memory of a run, in bytes; 0 if it fails."""
-    command = [sys.executable, "-m", "gsfw", "train", *case.words(case.gaussians), f"out={out}"]
-    run = subprocess.Popen(
-        command,
+    try:
+        return peak_memory([*case.words(case.gaussians), f"out={out}"])
+    except RuntimeError as error:
+        say(str(error))
+        return 0
+
+
+def peak_memory(settings: list[str]) -> int:
+    """Peak of the anonymous memory of ``gsfw train`` with these settings, in bytes.
+
+    Raises:
+        RuntimeError: the run fails.
+    """
+    peak = 0
+    with subprocess.Popen(
+        [sys.executable, "-m", "gsfw", "train", *settings],
         env=os.environ | {"OMP_NUM_THREADS": "1", "GSFW_STATE_DIR": "none"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    status, peak = Path(f"/proc/{run.pid}/status"), 0
-    while run.poll() is None:
-        found = re.search(r"RssAnon:\s+(\d+)", status.read_text())
-        peak = max(peak, 1024 * int(found[1]) if found else 0)
-        time.sleep(0.01)
-    if run.returncode:
-        say(run.stderr.read() if run.stderr else "")
-        return 0
+    ) as run:
+        while run.poll() is None:
+            peak = max(peak, anonymous_memory(Path(f"/proc/{run.pid}/status")))
+            time.sleep(0.01)
+        if run.returncode:
+            raise RuntimeError(run.stderr.read() if run.stderr else "")
     return peak
 
 

@@ -6,7 +6,6 @@ plants the defect that a leak test has to find.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -15,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gsfw.api import Callback, CallbackConfig, Control, RunInfo, Spec, hookimpl, number
+from gsfw.core.machine_memory import anonymous_memory
 
 FILE = "memory_trace.txt"
 """File in the folder of a run: lines of a step and the bytes of ``RssAnon``."""
-STATUS = Path("/proc/self/status")
 
 
 @hookimpl
@@ -58,21 +57,12 @@ class MemoryTrace(Callback):
         if self._leak:
             self._kept.append(bytes([step % 256]) * self._leak)
         if self._file is not None and step % self._every == 0:
-            self._file.write(f"{step} {anonymous_bytes()}\n")
+            self._file.write(f"{step} {anonymous_memory()}\n")
 
     def close(self) -> None:
         """Close the file."""
         if self._file is not None:
             self._file.close()
-
-
-def anonymous_bytes(status: Path = STATUS) -> int:
-    """Memory of a process that nothing else can use; 0 where the system does not tell."""
-    try:
-        found = re.search(r"RssAnon:\s+(\d+) kB", status.read_text())
-    except OSError:  # The process has ended, or the system is another one.
-        return 0
-    return int(found[1]) * 1024 if found else 0
 
 
 @dataclass(frozen=True)

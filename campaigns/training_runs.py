@@ -14,11 +14,11 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
-from memory_trace import anonymous_bytes
 
 from gsfw.core.errors import DataError
 from gsfw.core.loop.checkpoint_file import check_finite, read_checkpoint
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.machine_memory import anonymous_memory
 
 QUIET = ("device=cpu", "report=false", "callbacks.tensorboard.enabled=false")
 """Settings of every run: what these write is tried elsewhere."""
@@ -92,7 +92,7 @@ def run_verb(
     end, peak = time.monotonic() + seconds, 0
     while process.is_alive() and time.monotonic() < end:
         process.join(LOOK)
-        peak = max(peak, anonymous_bytes(Path(f"/proc/{process.pid}/status")))
+        peak = max(peak, anonymous_memory(Path(f"/proc/{process.pid}/status")))
     code = process.exitcode
     if code is None:
         process.kill()

@@ -122,7 +122,7 @@ def _machine() -> MachineMemory | None:
     found = kernel_sizes(MACHINE)
     if "MemAvailable" in found:
         total, free = found["MemTotal"], found["MemAvailable"]
-        return MachineMemory(total, free, _own(), found.get("SwapFree", 0))
+        return MachineMemory(total, free, anonymous_memory(), found.get("SwapFree", 0))
     try:  # macOS tells its size alone.
         total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
@@ -158,9 +158,16 @@ def _swap(group: ControlGroup, limit: int) -> int:
     return max(most - limit, 0) if group.version == 1 else most
 
 
-def _own() -> int:
-    """Memory of this process that nothing else can use, without cached files."""
-    return kernel_sizes(STATUS).get("RssAnon", 0)
+def anonymous_memory(status: Path | None = None) -> int:
+    """Memory of a process that nothing else can use, without cached files, in bytes.
+
+    Args:
+        status: the kernel's file of the process, as /proc/PID/status; ``None`` for this process.
+
+    Returns:
+        0 where the system does not tell, or the process has ended.
+    """
+    return kernel_sizes(status or STATUS).get("RssAnon", 0)
 
 
 def kernel_sizes(path: Path) -> dict[str, int]:

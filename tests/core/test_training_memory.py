@@ -1,15 +1,11 @@
 """The estimate of the memory of a training."""
 
-import os
-import re
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 import torch
 from support.small_scene import SMALL_SCENE
+from training_memory import peak_memory
 
 from gsfw.core.column import Column
 from gsfw.core.datamanager import DataRequest
@@ -88,17 +84,8 @@ def test_images_of_both_splits_are_decoded():
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells the memory")
 def test_a_run_takes_about_what_is_estimated(tmp_path):
     rows, words = 100_000, [word for word in SMALL_SCENE if "points" not in word]
-    command = [sys.executable, "-m", "gsfw", "train", "method=3dgs", f"datamanager.points={rows}"]
-    command += [*words, "device=cpu", "steps=3", "report=false", f"out={tmp_path / 'run'}"]
-    run = subprocess.Popen(
-        command, env=os.environ | {"OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL
-    )
-    status, peak = Path(f"/proc/{run.pid}/status"), 0
-    while run.poll() is None:
-        found = re.search(r"RssAnon:\s+(\d+)", status.read_text())
-        peak = max(peak, 1024 * int(found[1]) if found else 0)
-        time.sleep(0.01)
-    assert run.returncode == 0
+    settings = ["method=3dgs", f"datamanager.points={rows}", *words, "device=cpu", "steps=3"]
+    peak = peak_memory([*settings, "report=false", f"out={tmp_path / 'run'}"])
     need = TrainingMemory(rows, USUAL_ROW, rows, 32 * 24, 1e5).total
     more = 0.0 if torch.version.cuda is None else 150e6  # Of a build for GPUs, on the CPU too.
     assert CERTAIN * need < peak < 1.15 * need + more  # 0.94 in November 2026.
