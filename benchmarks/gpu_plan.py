@@ -9,9 +9,13 @@ GARDEN = "reference/garden_workload.npz"
 CAPTURES = {"fox": "captures/fox", "chair": "synthetic/chair"}
 """Paths in the shared data; a folder that holds them by their last name alone will do."""
 
+FIELDS = ("hash_features", "penalties", "plane_product", "slice")
+"""Operators of temporal fields, whose tests are those of all kernels."""
+
 TESTS = (
     "tests/rasterizers",
     "tests/kernels/cuda",
+    *(f"tests/kernels/test_{name}.py" for name in FIELDS),
     "tests/test_devices.py",
     "tests/core/loop/test_cuda_recorder.py",
     "tests/core/loop/test_determinism.py",

@@ -17,6 +17,43 @@ def numbers(*shape: int, seed: int, dtype: torch.dtype = torch.float64) -> Tenso
     return torch.rand(shape, generator=generator, dtype=torch.float64).to(dtype)
 
 
+def plane_tensors(places: Tensor, channels: int, sides: Sequence[int] = (7, 12)) -> list[Tensor]:
+    """Places, planes of each resolution, and lines of each resolution."""
+    dtype = places.dtype
+    return [
+        places,
+        *(numbers(3, s, s, channels, seed=s, dtype=dtype) + 0.5 for s in sides),
+        *(numbers(3, s, channels, seed=s + 1, dtype=dtype) + 0.5 for s in sides),
+    ]
+
+
+def product(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
+    """The products of such planes."""
+    places, *tables = tensors
+    half = len(tables) // 2
+    return (operators.plane_product(places, tables[:half], tables[half:], 1.7),)
+
+
+HASH_SIZES, HASH_ROWS = ((5, 3), (9, 4), (40, 7)), (375, 4096, 1024)
+"""Resolutions in space and time, and rows: the last table has fewer than corners, and a hash."""
+
+
+def hash_tables(dtype: torch.dtype, channels: int) -> list[Tensor]:
+    """Tables of such resolutions."""
+    return [numbers(rows, channels, seed=i, dtype=dtype) for i, rows in enumerate(HASH_ROWS)]
+
+
+def hashed(places: Tensor, time: float = 0.3, sizes: Sequence = HASH_SIZES) -> Function:
+    """Features as a function of the tables."""
+
+    def features(operators: Operators, tables: list[Tensor]) -> tuple[Tensor]:
+        at = places.to(tables[0])
+        when = torch.tensor(time, dtype=torch.float64, device=at.device)
+        return (operators.hash_features(at, when, tables, sizes),)
+
+    return features
+
+
 def quaternions_and_scales(
     rows: int, dtype: torch.dtype, low: float = -3.0, high: float = 0.0
 ) -> list[Tensor]:

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Iterator
 
 import pytest
-import torch
-from emulation.launcher import EmulatedLauncher
 from support.cuda_stubs import StubDriver
 
 from gsfw.kernels.cuda.cache import KernelCache
@@ -44,36 +42,6 @@ def _first_warning() -> Iterator[None]:
 
 
 @pytest.fixture
-def operators_of() -> Callable[[int], CudaOperators]:
-    """Operators on the emulation, threads in the order of a seed; 0 is one after another."""
-    return lambda seed: CudaOperators(EmulatedLauncher(seed))
-
-
-@pytest.fixture
 def operators(operators_of: Callable[[int], CudaOperators]) -> CudaOperators:
     """Operators on the emulation."""
     return operators_of(0)
-
-
-@pytest.fixture(
-    scope="session",
-    params=[
-        "cpu",
-        pytest.param(
-            "cuda",
-            marks=[
-                pytest.mark.cuda,
-                pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine"),
-            ],
-        ),
-    ],
-)
-def place(request: pytest.FixtureRequest) -> torch.device:
-    """A device on which operators of the same tests run: the emulation's, and a GPU."""
-    return torch.device(request.param)
-
-
-@pytest.fixture(scope="session")
-def operators_there(place: torch.device) -> CudaOperators:
-    """Operators on that device."""
-    return CudaOperators(EmulatedLauncher() if place.type == "cpu" else None)

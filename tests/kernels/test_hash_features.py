@@ -7,8 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.calls import Calls, CountedLauncher
-from support.field_tensors import Function, agree, gradients, numbers
-from torch import Tensor
+from support.field_tensors import HASH_SIZES, agree, gradients, hash_tables, hashed, numbers
 
 from gsfw.core.loop.determinism import deterministic
 from gsfw.core.maths.hash_features import PRIMES
@@ -17,32 +16,13 @@ from gsfw.kernels.cuda.field_jobs import HASH_LEVELS
 from gsfw.kernels.cuda.operators import CudaOperators
 from gsfw.kernels.cuda.source_files import source_text
 
-SIZES = ((5, 3), (9, 4), (40, 7))
-ROWS = (375, 4096, 1024)
-"""Two tables with a row for each corner, and one with a hash."""
-
-
-def tables_of(dtype: torch.dtype, channels: int) -> list[Tensor]:
-    return [numbers(rows, channels, seed=i, dtype=dtype) for i, rows in enumerate(ROWS)]
-
-
-def hashed(places: Tensor, time: float = 0.3, sizes: tuple = SIZES) -> Function:
-    """Features as a function of the tables."""
-
-    def features(operators: Operators, tables: list[Tensor]) -> tuple[Tensor]:
-        at = places.to(tables[0])
-        when = torch.tensor(time, dtype=torch.float64, device=at.device)
-        return (operators.hash_features(at, when, tables, sizes),)
-
-    return features
-
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("channels", [1, 2, 3, 4, 6, 8])
 def test_features_and_their_gradients_are_those_of_torch(operators_there, place, dtype, channels):
     # In float32 a place may round into the next cell, where the weights of torch are as continuous.
     places = (2.2 * numbers(150, 3, seed=0, dtype=torch.float32) - 1.1).double()
-    agree(hashed(places), operators_there, tables_of(dtype, channels), place, roundings=256.0)
+    agree(hashed(places), operators_there, hash_tables(dtype, channels), place, roundings=256.0)
 
 
 @settings(max_examples=20, deadline=None)
@@ -60,12 +40,12 @@ def test_places_and_times_on_corners_and_borders_agree_with_torch(operators_ther
     axis = torch.linspace(-1, 1, 5, dtype=torch.float64)
     axis = torch.cat([axis, torch.tensor([-3.0, math.nextafter(1.0, 2.0), 1e30])])
     places = torch.cartesian_prod(axis, axis[::2], axis[::3])
-    agree(hashed(places, time), operators_there, tables_of(torch.float64, 2), place)
+    agree(hashed(places, time), operators_there, hash_tables(torch.float64, 2), place)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1e30])
 def test_nothing_reads_beyond_the_tables(operators_there, place, value):
-    tables = [table.to(place) for table in tables_of(torch.float64, 4)]
+    tables = [table.to(place) for table in hash_tables(torch.float64, 4)]
     nowhere = torch.full((20, 3), value, dtype=torch.float64)
     assert hashed(nowhere)(operators_there, tables)[0].isfinite().all()
     assert hashed(torch.zeros(9, 3), value)(operators_there, tables)[0].isfinite().all()
@@ -74,7 +54,7 @@ def test_nothing_reads_beyond_the_tables(operators_there, place, value):
 
 def test_features_and_their_gradients_take_a_launch_each():
     launcher = CountedLauncher()
-    tables = [table.requires_grad_() for table in tables_of(torch.float64, 6)]
+    tables = [table.requires_grad_() for table in hash_tables(torch.float64, 6)]
     with Calls(launcher) as calls:
         hashed(numbers(9, 3, seed=0))(CudaOperators(launcher), tables)[0].sum().backward()
     assert calls.launches == ["hash_features<double, 2>", "hash_features_backward<double, 2>"]
@@ -83,7 +63,7 @@ def test_features_and_their_gradients_take_a_launch_each():
 
 def test_tables_that_begin_anywhere_or_lie_apart_are_taken_too(operators_there, place):
     function = hashed(2 * numbers(30, 3, seed=0) - 1)
-    tables = tables_of(torch.float32, 4)
+    tables = hash_tables(torch.float32, 4)
     shifted = [torch.cat([t.new_zeros(1), t.flatten()])[1:].view_as(t) for t in tables]
     apart = [t.T.contiguous().T for t in tables]
     (expected,) = function(operators_there, [t.to(place) for t in tables])
@@ -95,7 +75,7 @@ def test_tables_that_begin_anywhere_or_lie_apart_are_taken_too(operators_there, 
 
 def test_only_gradients_that_are_wanted_are_made(operators_there, place):
     function = hashed(2 * numbers(30, 3, seed=0) - 1)
-    tables = [table.to(place) for table in tables_of(torch.float64, 4)]
+    tables = [table.to(place) for table in hash_tables(torch.float64, 4)]
     tables[1].requires_grad_()
     found, expected = (
         torch.autograd.grad(function(kind, tables)[0].square().sum(), tables[1])[0]
@@ -104,16 +84,16 @@ def test_only_gradients_that_are_wanted_are_made(operators_there, place):
     torch.testing.assert_close(found, expected)
 
 
-def test_places_have_no_gradient_as_in_torch(operators):
+def test_places_have_no_gradient_as_in_torch(operators_of):
     places = numbers(5, 3, seed=0).requires_grad_()
-    time, tables = numbers(1, seed=1)[0].requires_grad_(), tables_of(torch.float64, 4)
-    assert not operators.hash_features(places, time, tables, SIZES).requires_grad
+    time, tables = numbers(1, seed=1)[0].requires_grad_(), hash_tables(torch.float64, 4)
+    assert not operators_of(0).hash_features(places, time, tables, HASH_SIZES).requires_grad
 
 
 LEFT = {
-    "no rows": (torch.zeros(0, 3), tables_of(torch.float32, 4), SIZES),
+    "no rows": (torch.zeros(0, 3), hash_tables(torch.float32, 4), HASH_SIZES),
     "half precision": (
-        numbers(4, 3, seed=0).bfloat16(), tables_of(torch.bfloat16, 4), SIZES
+        numbers(4, 3, seed=0).bfloat16(), hash_tables(torch.bfloat16, 4), HASH_SIZES
     ),
     "more corners than float32 counts": (
         numbers(4, 3, seed=0), [numbers(64, 1, seed=1)], ((2**24 + 1, 2),)
@@ -138,7 +118,7 @@ def test_what_kernels_do_not_take_goes_to_torch(case):
 
 
 def test_deterministic_algorithms_are_those_of_torch():
-    function, tables = hashed(numbers(5, 3, seed=0)), tables_of(torch.float64, 4)
+    function, tables = hashed(numbers(5, 3, seed=0)), hash_tables(torch.float64, 4)
     launcher = CountedLauncher()
     with deterministic(torch.device("cpu")):
         (found,) = function(CudaOperators(launcher), tables)
@@ -147,7 +127,7 @@ def test_deterministic_algorithms_are_those_of_torch():
 
 
 def test_any_order_of_threads_gives_the_same_sums_but_for_rounding(operators_of):
-    function, tables = hashed(2 * numbers(60, 3, seed=0) - 1), tables_of(torch.float64, 4)
+    function, tables = hashed(2 * numbers(60, 3, seed=0) - 1), hash_tables(torch.float64, 4)
     first, *others = (
         gradients(function, operators_of(seed), tables, torch.device("cpu")) for seed in (0, 1, 2)
     )

@@ -7,32 +7,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.calls import Calls, CountedLauncher
-from support.field_tensors import agree, gradients, numbers
-from torch import Tensor
+from support.field_tensors import agree, gradients, numbers, plane_tensors, product
 from torch.autograd import forward_ad
 
 from gsfw.core.loop.determinism import deterministic
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.field_jobs import PLANE_LEVELS
 from gsfw.kernels.cuda.operators import CudaOperators
-
-SIDES = (7, 12)
-
-
-def tensors_of(places: Tensor, channels: int, sides: tuple[int, ...] = SIDES) -> list[Tensor]:
-    """Places, planes of each resolution, and lines of each resolution."""
-    dtype = places.dtype
-    return [
-        places,
-        *(numbers(3, s, s, channels, seed=s, dtype=dtype) + 0.5 for s in sides),
-        *(numbers(3, s, channels, seed=s + 1, dtype=dtype) + 0.5 for s in sides),
-    ]
-
-
-def product(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
-    places, *tables = tensors
-    half = len(tables) // 2
-    return (operators.plane_product(places, tables[:half], tables[half:], 1.7),)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -43,7 +24,7 @@ def product(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
 def test_products_and_all_their_gradients_are_those_of_torch(
     operators_there, place, dtype, rows, channels, sides
 ):
-    tensors = tensors_of(2.2 * numbers(rows, 3, seed=0, dtype=dtype) - 1.1, channels, sides)
+    tensors = plane_tensors(2.2 * numbers(rows, 3, seed=0, dtype=dtype) - 1.1, channels, sides)
     agree(product, operators_there, tensors, place)
 
 
@@ -51,7 +32,7 @@ def test_products_and_all_their_gradients_are_those_of_torch(
 @given(st.integers(1, 40), st.integers(1, 35), st.integers(2, 9), st.integers(0, 2**31))
 def test_any_sizes_agree_with_torch(operators_there, place, rows, channels, side, seed):
     places = 2.5 * numbers(rows, 3, seed=seed) - 1.25
-    agree(product, operators_there, tensors_of(places, channels, (side, side + 1)), place)
+    agree(product, operators_there, plane_tensors(places, channels, (side, side + 1)), place)
 
 
 @pytest.mark.parametrize("side", [2, 5])
@@ -59,12 +40,12 @@ def test_places_on_cells_and_borders_agree_with_torch(operators_there, place, si
     axis = torch.linspace(-1, 1, side, dtype=torch.float64)
     axis = torch.cat([axis, torch.tensor([-3.0, math.nextafter(1.0, 2.0), 1e30])])
     places = torch.cartesian_prod(axis, axis, axis)
-    agree(product, operators_there, tensors_of(places, 2, (side,)), place)
+    agree(product, operators_there, plane_tensors(places, 16, (side,)), place)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e30, -1.0, 1.0])
 def test_no_place_reads_or_writes_beyond_the_planes(operators_there, place, value):
-    tensors = tensors_of(torch.full((20, 3), value, dtype=torch.float64), 4)
+    tensors = plane_tensors(torch.full((20, 3), value, dtype=torch.float64), 16)
     assert gradients(product, operators_there, tensors, place)[0].isfinite().all()
     if not math.isnan(value):  # torch has no cell for NaN.
         agree(product, operators_there, tensors, place)
@@ -72,7 +53,7 @@ def test_no_place_reads_or_writes_beyond_the_planes(operators_there, place, valu
 
 def test_rows_without_a_gradient_are_left_out_of_the_backward_pass(operators_there, place):
     """NaN in the cells that only these rows read reaches no gradient."""
-    tensors = tensors_of(0.3 * numbers(50, 3, seed=0) + 0.6, 4)
+    tensors = plane_tensors(0.3 * numbers(50, 3, seed=0) + 0.6, 16)
     tensors[0][::3] = -0.9
     for table in tensors[1:]:
         table.flatten(0, 1)[0, :] = math.nan
@@ -85,7 +66,7 @@ def test_rows_without_a_gradient_are_left_out_of_the_backward_pass(operators_the
 
 def test_a_product_and_its_gradients_take_a_launch_each():
     operators, launcher = counted()
-    tensors = [tensor.requires_grad_() for tensor in tensors_of(numbers(9, 3, seed=0), 4)]
+    tensors = [tensor.requires_grad_() for tensor in plane_tensors(numbers(9, 3, seed=0), 4)]
     with Calls(launcher) as calls:
         product(operators, tensors)[0].sum().backward()
     assert calls.launches == ["plane_product<double>", "plane_product_backward<double>"]
@@ -94,7 +75,7 @@ def test_a_product_and_its_gradients_take_a_launch_each():
 
 @pytest.mark.parametrize("wanted", [0, 1, 3])
 def test_only_gradients_that_are_wanted_are_made(operators_there, place, wanted):
-    tensors = [t.to(place) for t in tensors_of(2 * numbers(30, 3, seed=0) - 1, 4)]
+    tensors = [t.to(place) for t in plane_tensors(2 * numbers(30, 3, seed=0) - 1, 16)]
     leaf = tensors[wanted].requires_grad_()
     found, expected = (
         torch.autograd.grad(product(operators, tensors)[0].square().sum(), leaf)[0]
@@ -104,7 +85,7 @@ def test_only_gradients_that_are_wanted_are_made(operators_there, place, wanted)
 
 
 def test_tensors_that_are_not_contiguous_are_taken_too(operators_there, place):
-    plain = tensors_of(2 * numbers(30, 3, seed=0) - 1, 4)
+    plain = plane_tensors(2 * numbers(30, 3, seed=0) - 1, 16)
     turned = [t.transpose(0, 1).contiguous().transpose(0, 1) for t in plain]
     found = product(operators_there, [t.to(place) for t in turned])[0]
     torch.testing.assert_close(found.cpu(), product(Operators(), plain)[0])
@@ -117,9 +98,9 @@ def counted() -> tuple[CudaOperators, CountedLauncher]:
 
 
 LEFT = {
-    "no rows": tensors_of(torch.zeros(0, 3), 4),
-    "half precision": tensors_of(torch.zeros(4, 3).half(), 4),
-    "many resolutions": tensors_of(numbers(4, 3, seed=0), 2, (2,) * (PLANE_LEVELS + 1)),
+    "no rows": plane_tensors(torch.zeros(0, 3), 4),
+    "half precision": plane_tensors(torch.zeros(4, 3).half(), 4),
+    "many resolutions": plane_tensors(numbers(4, 3, seed=0), 2, (2,) * (PLANE_LEVELS + 1)),
     "planes that are not square": [
         numbers(4, 3, seed=0), numbers(3, 4, 5, 2, seed=1), numbers(3, 5, 2, seed=2)
     ],
@@ -136,7 +117,7 @@ def test_what_kernels_do_not_take_goes_to_torch(case):
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
 def test_derivatives_carried_forward_are_left_to_torch():
     operators, launcher = counted()
-    tensors = tensors_of(numbers(4, 3, seed=0), 4)
+    tensors = plane_tensors(numbers(4, 3, seed=0), 4)
     with forward_ad.dual_level():
         tensors[0] = forward_ad.make_dual(tensors[0], torch.ones_like(tensors[0]))
         with pytest.raises(RuntimeError):  # Torch's own interpolation has none either.
@@ -146,16 +127,16 @@ def test_derivatives_carried_forward_are_left_to_torch():
 
 def test_deterministic_algorithms_are_those_of_torch():
     operators, launcher = counted()
-    tensors = tensors_of(numbers(4, 3, seed=0), 4)
+    tensors = plane_tensors(numbers(4, 3, seed=0), 4)
     with deterministic(torch.device("cpu")):
         found = product(operators, tensors)[0]
     assert torch.equal(found, product(Operators(), tensors)[0])
     assert launcher.launches == []
 
 
-def test_a_second_derivative_is_refused_as_torch_does(operators):
-    tensors = [tensor.requires_grad_() for tensor in tensors_of(numbers(4, 3, seed=0), 4)]
-    for kind in (operators, Operators()):
+def test_a_second_derivative_is_refused_as_torch_does(operators_of):
+    tensors = [tensor.requires_grad_() for tensor in plane_tensors(numbers(4, 3, seed=0), 4)]
+    for kind in (operators_of(0), Operators()):
         total = product(kind, tensors)[0].square().sum()
         (gradient,) = torch.autograd.grad(total, tensors[0], create_graph=True)
         with pytest.raises(RuntimeError, match="differentiate twice"):
@@ -163,7 +144,7 @@ def test_a_second_derivative_is_refused_as_torch_does(operators):
 
 
 def test_any_order_of_threads_gives_the_same_sums_but_for_rounding(operators_of):
-    tensors = tensors_of(2 * numbers(60, 3, seed=0) - 1, 8)
+    tensors = plane_tensors(2 * numbers(60, 3, seed=0) - 1, 8)
     first, *others = (
         gradients(product, operators_of(seed), tensors, torch.device("cpu")) for seed in (0, 1, 2)
     )

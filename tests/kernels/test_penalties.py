@@ -99,25 +99,25 @@ def test_a_value_takes_two_launches_and_its_gradient_one():
         assert names == [name, "add_penalty", f"{name}_backward"]
 
 
-def test_backward_may_run_twice(operators):
+def test_backward_may_run_twice(operators_of):
     grid = numbers(4, 5, 6, seed=1).requires_grad_()
     for function in (variation((0, 1), 1), distance):
-        (value,) = function(operators, [grid])
+        (value,) = function(operators_of(0), [grid])
         (first,) = torch.autograd.grad(value, grid, retain_graph=True)
         (second,) = torch.autograd.grad(2 * value, grid)
         torch.testing.assert_close(2 * first, second)
 
 
-def test_second_derivatives_come_from_torch(operators):
+def test_second_derivatives_come_from_torch(operators_of):
     values = numbers(9, seed=1).requires_grad_()
     second = []
-    for kind in (operators, Operators()):
+    for kind in (operators_of(0), Operators()):
         (gradient,) = torch.autograd.grad(
             distance(kind, [values])[0] ** 2, values, create_graph=True
         )
         second.append(torch.autograd.grad(gradient.square().sum(), values)[0])
     torch.testing.assert_close(*second)
-    total = variation((0,), 1)(operators, [values])[0] ** 2
+    total = variation((0,), 1)(operators_of(0), [values])[0] ** 2
     (gradient,) = torch.autograd.grad(total, values, create_graph=True)
     with pytest.raises(RuntimeError, match="differentiate twice"):  # As in torch.
         gradient.sum().backward()
@@ -144,9 +144,9 @@ def test_what_kernels_do_not_take_goes_to_torch(case):
 
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
-def test_derivatives_carried_forward_come_from_torch(operators):
+def test_derivatives_carried_forward_come_from_torch(operators_of):
     values = numbers(9, seed=1)
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(values, torch.ones_like(values))
-        (value,) = distance(operators, [dual])
+        (value,) = distance(operators_of(0), [dual])
         assert forward_ad.unpack_dual(value).tangent is not None
