@@ -114,7 +114,6 @@ def test_the_recommended_command_meets_the_budget_when_it_is_run(run, tmp_path, 
     assert " ".join(words[3:]) in {v["command"].removeprefix("export ") for v in within}
 
 
-@pytest.mark.slow
 def test_what_is_finished_is_kept_over_an_interruption(run, capsys, monkeypatch):
     whole = Runner.measure
 
@@ -170,7 +169,6 @@ def test_a_model_file_is_compared_with_its_own_renders(run, tmp_path, capsys):
 SMALL_FIELD = ("hexplane.channels=8", "hexplane.resolution=4", "hexplane.width=6")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "floats_of_time"),
     [(("method=4dgs", *SMALL_FIELD), 0), (("method=spacetime",), 15)],
@@ -209,7 +207,6 @@ def test_a_moving_model_gives_up_what_a_still_one_can_and_time(
     )
 
 
-@pytest.mark.slow
 def test_a_moving_model_of_decoded_features_has_no_bands_to_give_up(tmp_path, capsys):
     run = tmp_path / "moving"
     train_moving(run, "method=spacetime", "preset=features", "steps=3")

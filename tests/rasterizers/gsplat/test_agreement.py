@@ -64,7 +64,6 @@ def test_a_single_faint_splat_agrees_at_its_expected_depth(adapter):
     check(adapter, replace(kind, antialias=True, depth=Depth.EXPECTED))
 
 
-@pytest.mark.slow
 @SCENES
 @given(kinds(cut_offs=True))
 def test_random_scenes_agree(adapter, kind):

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.finite_drawings import draw_and_check
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
-from gsfw.core.splats import Sh
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
 from gsfw.rasterizers.ray.volume import Volume
@@ -32,42 +32,8 @@ CASES = [(mode, torch.float32) for mode in MODES]
 CASES += [("mean", torch.float64), ("volume, no dilation", torch.float64)]
 
 
-def in_turns(names):
-    """Every extreme in every mode; every day, in one mode each, in turns."""
-    return [
-        pytest.param(
-            *case, name, marks=[] if (turn - place) % len(CASES) == 0 else pytest.mark.slow
-        )
-        for place, name in enumerate(names)
-        for turn, case in enumerate(CASES)
-    ]
-
-
-def draw_and_check(rasterizer, splats, cameras, settings=SETTINGS):
-    """Draw, go back, and check that all values and gradients are finite."""
-    inputs = {name: tensor.clone().requires_grad_() for name, tensor in splats.tensors().items()}
-    colors = inputs["colors"]
-    if isinstance(splats.colors, Sh):
-        colors = replace(splats.colors, coefficients=colors)
-    pose = cameras.world_to_camera.clone().requires_grad_()
-    output = rasterizer.render(
-        replace(splats, **(inputs | {"colors": colors})),
-        replace(cameras, world_to_camera=pose),
-        settings,
-    )
-    values = {"color": output.color, "alpha": output.alpha, "depth": output.depth}
-    values |= {"radii": output.statistics.radii, "by": output.statistics.contribution}
-    sum(value.mean() for value in (output.color.square(), output.alpha, output.depth)).backward()
-    values |= {f"gradient of {name}": tensor.grad for name, tensor in inputs.items()}
-    values["gradient of the pose"] = pose.grad
-    for name, value in values.items():
-        assert value is None or value.isfinite().all(), name
-    assert output.alpha.min() >= 0
-    assert output.alpha.max() <= 1
-    return output
-
-
-@pytest.mark.parametrize(("mode", "dtype", "name"), in_turns(CHANGES))
+@pytest.mark.parametrize("name", CHANGES)
+@pytest.mark.parametrize(("mode", "dtype"), CASES)
 def test_extreme_splats_stay_finite(mode, dtype, name):
     splats = CHANGES[name](random_splats(20, 1, dtype=dtype))
     smooth = replace(SETTINGS, profile=DEFAULT.without_cutoffs())
@@ -82,13 +48,14 @@ def test_extreme_splats_stay_finite(mode, dtype, name):
         draw_and_check(MODES[mode], splats, camera, settings)
 
 
-@pytest.mark.parametrize(("mode", "dtype", "name"), in_turns(CAMERAS))
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(("mode", "dtype"), CASES)
 def test_extreme_cameras_stay_finite(mode, dtype, name):
     for model in CameraModel:
         camera = CAMERAS[name](replace(front_camera(12, 9, dtype=dtype), model=model))
         for change in ("shape/scales-1e6", "depth/around-the-camera"):
             splats = CHANGES[change](random_splats(20, 1, dtype=dtype))
-            draw_and_check(MODES[mode], splats, camera)
+            draw_and_check(MODES[mode], splats, camera, SETTINGS)
 
 
 @pytest.mark.parametrize("mode", list(MODES))
@@ -98,7 +65,7 @@ def test_every_image_size_is_drawn(mode, count, size):
     splats = random_splats(20, 1)
     splats = replace(splats.map(lambda tensor: tensor[:count]), opacities=torch.full((count,), 0.9))
     camera = front_camera(*size, distance=1.5)
-    output = draw_and_check(MODES[mode], splats, camera)
+    output = draw_and_check(MODES[mode], splats, camera, SETTINGS)
     assert output.color.shape == (1, size[1], size[0], 3)
     if count == 20:
         assert output.alpha.max() > 0
@@ -116,9 +83,9 @@ def test_a_disc_seen_from_its_edge_is_not_there_until_it_has_the_thickness_of_a_
         opacities=torch.ones(1, dtype=torch.float64),
     )
     camera = front_camera(41, 31, dtype=torch.float64)
-    bare = draw_and_check(MODES["ray, no dilation"], splats, camera)
+    bare = draw_and_check(MODES["ray, no dilation"], splats, camera, SETTINGS)
     assert bare.alpha.max() == 0, "the disc's plane is the middle column's, whose rays lie in it"
-    grown = draw_and_check(MODES["mean"], splats, camera)
+    grown = draw_and_check(MODES["mean"], splats, camera, SETTINGS)
     assert grown.alpha.max().item() == pytest.approx(0.99)
     assert grown.statistics.radii.item() > 5
 
