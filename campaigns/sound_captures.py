@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 from support.captures import (
     blender,
     calibrations,
+    colmap_per_frame,
     llff,
     metashape,
     nerfies,
@@ -112,15 +112,6 @@ def metashape_with_points(folder: Path) -> str:
     return "."
 
 
-def colmap_per_frame(folder: Path) -> str:
-    """Two times, with a model of each."""
-    capture = replace(ring(VIEWS), names=[f"cam{number:02d}.png" for number in range(VIEWS)])
-    for time in range(2):
-        write_colmap(folder / f"colmap_{time}/sparse/0", capture)
-        write_images(folder / f"colmap_{time}/images", capture)
-    return "."
-
-
 CALIBRATIONS: Mapping[str, Callable[[Path], Path]] = {
     "cameras.json": lambda path: calibrations.write_json(
         path, *(calibrations.entry(number, dist=[0.1, 0.0, 0.0, 0.0]) for number in range(VIEWS))
@@ -190,7 +181,7 @@ CAPTURES: Mapping[str, tuple[Writer, ...]] = {
         _at_root(llff.write_videos, cameras(VIEWS), TIMES),
     ),
     "panoptic": (_at_root(panoptic.write),),
-    "colmap-per-frame": (colmap_per_frame,),
+    "colmap-per-frame": (_at_root(colmap_per_frame.write, range(2)),),
     "blocks": (blocks,),
     "synchronised-videos": tuple(partial(synchronised, file) for file in CALIBRATIONS),
 }

@@ -1,13 +1,12 @@
 """The ``blender`` format."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
-from support.captures.blender import write
+from support.captures.blender import dnerf, write
 from support.small_captures import (
     FOCAL,
     HEIGHT,
@@ -126,16 +125,6 @@ def test_a_folder_without_training_file_is_refused(tmp_path):
 def test_focal_lengths_are_those_of_the_file(tmp_path):
     intrinsics = build(write(tmp_path)).views(Split.TRAIN).cameras[0].intrinsics[0]
     assert (intrinsics[0, 0], intrinsics[1, 1]) == FOCAL
-
-
-def dnerf(folder, masks=False):
-    """A data set as D-NeRF's: one camera that is carried around, other times in each split."""
-    write(folder, ("train", "test", "val"), times=[0.0, 0.5, 1.0, 0.25, 0.75, 0.0])
-    if masks:
-        content = json.loads((folder / "transforms_test.json").read_text())
-        content["frames"][0]["motion_mask_path"] = "masks/r_3"
-        (folder / "transforms_test.json").write_text(json.dumps(content))
-    return folder
 
 
 def test_every_view_of_dnerf_has_its_time_in_its_split(tmp_path):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from support.captures.calibrations import entry, write_json
+from support.captures.synchronised_videos import TIMES, write
 from support.small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, write_image
-from support.small_videos import cameras, over_time, write_video
+from support.small_videos import cameras, over_time
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
@@ -15,18 +15,6 @@ from gsfw.datamanagers.synchronised_videos import SynchronisedVideosConfig
 from gsfw.datamanagers.video_traits import VideoTraits
 
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
-
-TIMES = 4
-
-
-def write(folder, where="videos", count=3, draw=None, size=(WIDTH, HEIGHT), **settings):
-    """A calibration in OpenCV's pixels, and a video of each camera."""
-    capture = cameras(count)
-    for view, name in enumerate(capture.names):
-        own = {} if draw is None else {"draw": draw(capture.pixels(view))}
-        write_video(folder / where / f"{name}.mp4", TIMES, *size, **own)
-    write_json(folder / "cameras.json", *(entry(view, **settings) for view in range(count)))
-    return folder
 
 
 def build(path, **config):

@@ -5,31 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.small_captures import projection_error, request, ring, write_colmap, write_images
+from support.captures.colmap_per_frame import TIMES, moved, write
+from support.small_captures import projection_error, request
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.per_frame import ColmapPerFrameConfig
-
-TIMES = 3
-
-
-def moved(time):
-    """The ring at a time: its points wander, its cameras do not."""
-    capture = replace(ring(4), names=[f"cam{number:02d}.png" for number in range(4)])
-    count = 20 - 2 * time
-    return replace(
-        capture, points=capture.points[:count] + 0.01 * time, colors=capture.colors[:count]
-    )
-
-
-def write(folder, times=range(TIMES)):
-    for time in times:
-        place = folder / f"colmap_{time}"
-        write_colmap(place / "sparse/0", moved(time))
-        write_images(place / "images", moved(time))
-    return folder
 
 
 def build(path, **config):

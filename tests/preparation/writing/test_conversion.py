@@ -1,15 +1,26 @@
 """Data sets of every format, converted and loaded again."""
 
-import importlib.util
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 from plyfile import PlyData
+from support.captures import (
+    blender,
+    colmap_per_frame,
+    llff,
+    metashape,
+    nerfies,
+    openmvg,
+    opensfm,
+    panoptic,
+    polycam,
+    reality_capture,
+    record3d,
+    synchronised_videos,
+)
 from support.sampling import sampled
 from support.small_captures import (
     HEIGHT,
@@ -25,10 +36,22 @@ from support.small_videos import cameras
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import OutputError
+from gsfw.datamanagers.blender import BlenderConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig
+from gsfw.datamanagers.colmap.per_frame import ColmapPerFrameConfig
 from gsfw.datamanagers.llff import LlffConfig
 from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.masks import MaskRule
+from gsfw.datamanagers.metashape import MetashapeConfig
+from gsfw.datamanagers.nerfies import NerfiesConfig
+from gsfw.datamanagers.neural_3d_video import Neural3DVideoConfig
+from gsfw.datamanagers.openmvg import OpenMvgConfig
+from gsfw.datamanagers.opensfm import OpenSfmConfig
+from gsfw.datamanagers.panoptic import PanopticConfig
+from gsfw.datamanagers.polycam import PolycamConfig
+from gsfw.datamanagers.reality_capture import RealityCaptureConfig
+from gsfw.datamanagers.record3d import Record3dConfig
+from gsfw.datamanagers.synchronised_videos import SynchronisedVideosConfig
 from gsfw.datamanagers.transforms import TransformsConfig
 from gsfw.preparation.writing.conversion import ConversionRule, convert
 from gsfw.preparation.writing.image_output import OutputRule
@@ -36,20 +59,6 @@ from gsfw.preparation.writing.image_output import OutputRule
 CPU = torch.device("cpu")
 LAYOUTS = {"colmap": ColmapConfig, "transforms": TransformsConfig}
 BROWN = {"camera_model": "OPENCV", "k1": -0.12, "k2": 0.03, "p1": 0.004, "p2": -0.003}
-
-
-@cache
-def fixtures(module: str):
-    """The tests of a format, which have functions that write its data sets.
-
-    By their path: where the repository is on the path of modules (python -m pytest), the name
-    datamanagers is that of the product's folder.
-    """
-    path = Path(__file__).parents[2].joinpath("datamanagers", *module.split(".")).with_suffix(".py")
-    spec = importlib.util.spec_from_file_location(f"datasets_of_{module}", path)
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
-    return loaded
 
 
 def colmap(folder, **camera):
@@ -64,60 +73,30 @@ def transforms(folder, capture=None, **settings):
     return TransformsConfig(depth=True).build(request(folder))
 
 
-def llff(folder):
-    made = fixtures("test_llff")
-    return LlffConfig().build(request(made.write(folder, made.centred(ring()))))
-
-
-def opensfm(folder):
-    made = fixtures("test_opensfm")
-    return made.build(made.write(folder, made.reconstruction()))
-
-
-def nerfies(folder):
-    made = fixtures("test_nerfies")
-    return made.build(made.write(folder, scales=(1,)))
-
-
-def dnerf(folder):
-    made = fixtures("test_blender")
-    return made.build(made.dnerf(folder), "val")
-
-
-def neural_3d_video(folder):
-    made = fixtures("test_neural_3d_video")
-    return made.build(made.write_folders(folder, made.centred(cameras())))
-
-
-def of(module):
-    """Made with the module's own defaults."""
-
-    def make(folder):
-        made = fixtures(module)
-        return made.build(made.write(folder))
-
-    return make
+def made(config, write, *arguments, **settings):
+    """A loaded data set of a format."""
+    return lambda folder: config.build(request(write(folder, *arguments, **settings)))
 
 
 STILL = {
     "colmap": colmap,
     "transforms": transforms,
-    "blender": of("test_blender"),
-    "llff": llff,
-    "metashape": of("test_metashape"),
-    "reality-capture": of("test_reality_capture"),
-    "polycam": of("test_polycam"),
-    "record3d": of("test_record3d"),
-    "opensfm": opensfm,
-    "openmvg": of("test_openmvg"),
+    "blender": made(BlenderConfig("test"), blender.write),
+    "llff": made(LlffConfig(), llff.write, llff.centred(ring())),
+    "metashape": made(MetashapeConfig(), metashape.write),
+    "reality-capture": made(RealityCaptureConfig(), reality_capture.write),
+    "polycam": made(PolycamConfig(), polycam.write),
+    "record3d": made(Record3dConfig(), record3d.write),
+    "opensfm": made(OpenSfmConfig(), opensfm.write),
+    "openmvg": made(OpenMvgConfig(), openmvg.write),
 }
 MOVING = {
-    "dnerf": dnerf,
-    "nerfies": nerfies,
-    "panoptic": of("test_panoptic"),
-    "neural-3d-video": neural_3d_video,
-    "colmap-per-frame": of("colmap.test_per_frame"),
-    "synchronised-videos": of("test_synchronised_videos"),
+    "dnerf": made(BlenderConfig("val"), blender.dnerf),
+    "nerfies": made(NerfiesConfig(), nerfies.write, scales=(1,)),
+    "panoptic": made(PanopticConfig(), panoptic.write),
+    "neural-3d-video": made(Neural3DVideoConfig(), llff.write_folders, llff.centred(cameras())),
+    "colmap-per-frame": made(ColmapPerFrameConfig(), colmap_per_frame.write),
+    "synchronised-videos": made(SynchronisedVideosConfig(), synchronised_videos.write),
 }
 
 
@@ -340,10 +319,9 @@ def test_points_without_tracks_are_noted(tmp_path):
 
 
 def test_times_of_images_that_are_left_out_are_noted(tmp_path):
-    made = fixtures("test_blender")
-    before = made.build(
-        made.write(tmp_path / "given", ("train", "test", "val"), [0, 1, 2, 3, 4, 0])
-    )
+    times = [0, 1, 2, 3, 4, 0]
+    write = made(BlenderConfig("test"), blender.write, ("train", "test", "val"), times)
+    before = write(tmp_path / "given")
     _, found = again(before, tmp_path / "out")
     assert (
         "times go from 0 to 3 now, as images from 0 to 4 that were neither trained nor evaluated "
