@@ -1,5 +1,6 @@
 """Whole trainings on a small capture in memory, in parts that tests replace."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,12 @@ from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.method import Method
 from gsfw.core.metrics import Psnr
+from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.refiner import Refiner
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
@@ -30,7 +34,7 @@ from support.fast_rasterizer import fast_rasterizer
 from support.gaussians import EXTENT
 from support.scenes import front_camera, random_splats
 
-CPU = torch.device("cpu")
+CPU, USUAL = torch.device("cpu"), OptimizerSettings()
 TRUTH = random_splats(100, degree=0)
 
 STRATEGIES = {
@@ -139,30 +143,47 @@ def trainer(
     config = StaticGaussiansConfig(seed=seed, sh_degree=1, sh_degree_interval=20, init_opacity=0.3)
     config.optim.means_lr_steps = 60
     method = Poisoned(config, poisoned) if poisoned else config.build()
-    data, operators = MemoryData(sizes), Operators()
+    data = MemoryData(sizes)
     seeded = torch.Generator().manual_seed(config.seed)
-    model = method.build_model(data.scene, operators, seeded, None)
-    optimizer = Optimizer(model, operators, OptimizerSettings())
-    parts = TrainingParts(
+    model = method.build_model(data.scene, Operators(), seeded, None)
+    refiners = STRATEGIES[strategy].refiners(data.scene)
+    parts = parts_of(data, method, model, refiners, config.seed, views_per_step)
+    return trainer_of(parts, folder, [callback], **{"steps": 60} | plan)
+
+
+def parts_of(
+    data: DataManager, method: Method, model: PrimitiveModel, refiners: Sequence[Refiner] = (),
+    seed: int = 0, views_per_step: int = 1, optim: OptimizerSettings = USUAL,
+) -> TrainingParts:  # fmt: skip
+    """The parts of a run on the CPU, with torch's own operators."""
+    operators = Operators()
+    optimizer = Optimizer(model, operators, optim)
+    return TrainingParts(
         method=method,
         model=model,
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
-        refiners=Refiners(STRATEGIES[strategy].refiners(data.scene)),
-        sampler=UniformSampler(6, views_per_step, config.seed),
+        refiners=Refiners(refiners),
+        sampler=UniformSampler(len(data.views(Split.TRAIN)), views_per_step, seed),
         data=data,
         rasterizer=fast_rasterizer(),
         operators=operators,
         metrics={"psnr": Psnr()},
-        generator=torch.Generator().manual_seed(config.seed + 1),
+        generator=torch.Generator().manual_seed(seed + 1),
         device=CPU,
     )
+
+
+def trainer_of(
+    parts: TrainingParts, folder: Path, callbacks: Sequence[Callback], **plan
+) -> Trainer:
+    """A trainer that logs every step, and writes a checkpoint at the end alone unless told."""
     settings = RenderSettings(background=torch.zeros(3))
-    steps = {"steps": 60, "log_every": 1, "eval_every": 0, "checkpoint_every": 0} | plan
-    info = RunInfo(folder, "3dgs", "memory", steps["steps"], 0, {}, {})
-    return Trainer(
-        parts, TrainingPlan(settings=settings, **steps), RunFolder(folder), info, [callback]
+    whole = TrainingPlan(
+        settings=settings, **{"log_every": 1, "eval_every": 0, "checkpoint_every": 0} | plan
     )
+    info = RunInfo(folder, "3dgs", "memory", whole.steps, 0, {}, {})
+    return Trainer(parts, whole, RunFolder(folder), info, callbacks)
 
 
 def with_parts(run: Trainer, **parts: object) -> Trainer:

@@ -5,55 +5,35 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.fast_rasterizer import fast_rasterizer
+from support.memory_training import parts_of
 from support.moving_scene import WHITE, MovingImages, two_balls
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import evaluate
 from gsfw.core.loop.goal import Goal, mean_psnr
-from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.loop.verdict import Verdict
 from gsfw.core.metrics import Psnr, Ssim, psnr
-from gsfw.core.operators import Operators
-from gsfw.core.refinement.refiners import Refiners
-from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.moving_region import UNKNOWN
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
-from gsfw.samplers.uniform import UniformSampler
 
 CPU = torch.device("cpu")
 FIXED = [(0.0, 3.0), (0.5, 3.0), (1.0, 3.0)]
 
 
-def parts_of(data, model, metrics) -> TrainingParts:
+def parts_with(data, model, metrics) -> TrainingParts:
     """The parts of a run, of which an evaluation reads some."""
-    operators = Operators()
-    optimizer = Optimizer(model, operators, OptimizerSettings())
-    return TrainingParts(
-        method=StaticGaussiansConfig().build(),
-        model=model,
-        optimizer=optimizer,
-        table=SplatTable(model, optimizer),
-        refiners=Refiners([]),
-        sampler=UniformSampler(1, 1, 0),
-        data=data,
-        rasterizer=fast_rasterizer(),
-        operators=operators,
-        metrics=metrics,
-        generator=torch.Generator(),
-        device=CPU,
-    )
+    return replace(parts_of(data, StaticGaussiansConfig().build(), model), metrics=metrics)
 
 
 def run(data, model=None, split=Split.EVAL, on_view=None):
     metrics = {"psnr": Psnr(), "ssim": Ssim()}
-    return evaluate(parts_of(data, model or two_balls(), metrics), WHITE, split, on_view)
+    return evaluate(parts_with(data, model or two_balls(), metrics), WHITE, split, on_view)
 
 
 def sampled(data, most):
-    return evaluate(parts_of(data, two_balls(), {"psnr": Psnr()}), WHITE, most=most)
+    return evaluate(parts_with(data, two_balls(), {"psnr": Psnr()}), WHITE, most=most)
 
 
 def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
@@ -79,7 +59,7 @@ def test_a_method_gets_the_image_over_the_background_of_its_render():
             return {"target": context.target[0]}
 
     method, shown = Measured(StaticGaussiansConfig()), []
-    parts = parts_of(Translucent([(0.0, 3.0)]), two_balls(), {"psnr": Psnr()})
+    parts = parts_with(Translucent([(0.0, 3.0)]), two_balls(), {"psnr": Psnr()})
     (figures,) = evaluate(parts, WHITE, on_view=shown.append, method=method).per_view
     assert figures["own"] == figures["psnr"]
     assert figures["extent"] == parts.data.scene.extent
@@ -139,7 +119,7 @@ def test_views_without_a_valid_pixel_are_in_no_mean():
     found = run(data, two_balls(velocity=0.3))
     assert (found.views, found.count) == (("eval_1", "eval_2"), "2 of 3")
     assert found.means["psnr"] < 40.0
-    parts = parts_of(data, two_balls(velocity=0.3), {"psnr": Psnr()})
+    parts = parts_with(data, two_balls(velocity=0.3), {"psnr": Psnr()})
     plan = TrainingPlan(1, 1, 1, 1, WHITE)
     one = mean_psnr(parts, plan, 1, [1])
     assert mean_psnr(parts, plan, 1, [0, 1]) == one < 40.0

@@ -11,30 +11,23 @@ from pathlib import Path
 import pytest
 import torch
 from support.fast_rasterizer import fast_rasterizer
+from support.memory_training import parts_of, trainer_of
 from support.scenes import front_camera, random_splats
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.callbacks.tensorboard import TensorBoard
 from gsfw.core.batch import Batch, MaskMode
-from gsfw.core.callback import Callback, RunInfo
+from gsfw.core.callback import Callback
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import TrainingError
 from gsfw.core.loop.checkpoint_file import read_checkpoint
-from gsfw.core.loop.optimizer import Optimizer
-from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
-from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
-from gsfw.core.metrics import Psnr
 from gsfw.core.operators import Operators
-from gsfw.core.refinement.refiners import Refiners
-from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
-from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
 from gsfw.strategies.error_growth import ErrorGrowthConfig
 from gsfw.strategies.mcmc import McmcConfig
@@ -129,28 +122,10 @@ def trainer(
         if item.name.endswith(("_lr", "_lr_final")) and isinstance(value, float):
             setattr(config.optim, item.name, rates * value)
     method = Spiking(config, spikes, gradient_only)
-    operators = Operators()
-    model = method.build_model(data.scene, operators, torch.Generator().manual_seed(0), None)
-    optimizer = Optimizer(model, operators, config.optim.settings(config.steps))
-    parts = TrainingParts(
-        method=method,
-        model=model,
-        optimizer=optimizer,
-        table=SplatTable(model, optimizer),
-        refiners=Refiners(STRATEGIES[strategy].refiners(data.scene)),
-        sampler=UniformSampler(len(data.views(Split.TRAIN)), 1, 0),
-        data=data,
-        rasterizer=fast_rasterizer(),
-        operators=operators,
-        metrics={"psnr": Psnr()},
-        generator=torch.Generator().manual_seed(1),
-        device=CPU,
-    )
-    settings = RenderSettings(background=torch.zeros(3))
-    values = {"steps": STEPS, "log_every": 1, "eval_every": 0, "checkpoint_every": 0} | plan
-    info = RunInfo(folder, "3dgs", "broken", values["steps"], 0, {}, {})
-    whole = TrainingPlan(settings=settings, **values)
-    return Trainer(parts, whole, RunFolder(folder), info, callbacks)
+    model = method.build_model(data.scene, Operators(), torch.Generator().manual_seed(0), None)
+    refiners, optim = STRATEGIES[strategy].refiners(data.scene), config.optim.settings(config.steps)
+    parts = parts_of(data, method, model, refiners, optim=optim)
+    return trainer_of(parts, folder, callbacks, **{"steps": STEPS} | plan)
 
 
 def check_finite(run: Trainer) -> None:
