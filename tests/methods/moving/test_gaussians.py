@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 from support.mixed_rows import CONFIGS, WRITTEN, check_rows, mixed, standing
+from support.model_gradients import check_gradients, drawn
 from support.moving_splats import at, moving_scene, seeded
 from support.scenes import random_splats
 
@@ -73,31 +74,7 @@ def test_a_row_that_begins_to_move_does_so_where_a_trained_field_leaves_it_on_av
 @pytest.mark.parametrize("method", METHODS)
 def test_gradients_agree_with_difference_quotients_for_every_column(method):
     model, _ = mixed(method, n=7)
-
-    def total() -> torch.Tensor:
-        sums = torch.zeros((), dtype=torch.float64)
-        for index, tensor in enumerate(model.splats(at(0.45)).tensors().values()):
-            weights = torch.randn(tensor.shape, generator=seeded(index), dtype=torch.float64)
-            sums = sums + (weights * tensor).sum()
-        return sums
-
-    total().backward()
-    for name, column in model.columns().items():
-        if not column.trained or name == "time_centers":  # Whose gradient is stopped in part.
-            continue
-        values, gradient = column.values.data.view(-1), column.values.grad
-        assert gradient is not None, name
-        for index in range(0, len(values), max(len(values) // 8, 1)):
-            before = float(values[index])
-            sums = []
-            for moved in (before + 1e-6, before - 1e-6):
-                values[index] = moved
-                sums.append(float(total().detach()))
-            values[index] = before
-            quotient = (sums[0] - sums[1]) / 2e-6
-            assert gradient.view(-1)[index].item() == pytest.approx(quotient, rel=1e-4, abs=1e-6), (
-                name
-            )
+    check_gradients(model, lambda: drawn(model, at(0.45)), without=("time_centers",))
 
 
 @pytest.mark.parametrize("method", METHODS)

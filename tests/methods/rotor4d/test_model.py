@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 from support.gaussians import no_contributions, no_views
+from support.model_gradients import check_gradients, drawn
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
@@ -188,31 +189,8 @@ def test_the_shortest_and_the_longest_are_finite_with_their_gradients(duration, 
 @pytest.mark.parametrize("time", [0.1, 0.8])
 def test_gradients_are_those_of_finite_differences(form, time):
     model = gaussians(3, form=form, tilt=0.2, duration=1.0).double()
-    seeded = generator()
-    weights: dict[str, torch.Tensor] = {}
-
-    def total() -> torch.Tensor:
-        drawn = model.splats(at(time)).tensors()
-        for name, tensor in drawn.items():
-            if name not in weights:
-                weights[name] = torch.randn(tensor.shape, generator=seeded, dtype=torch.float64)
-        return torch.stack([(weights[name] * drawn[name]).sum() for name in drawn]).sum()
-
     assert len(model.splats(at(time))) == 3
-    total().backward()
-    step = 1e-6
-    for name, column in model.columns().items():
-        flat, gradient = column.values.data.view(-1), column.values.grad
-        assert gradient is not None, name
-        for index in range(len(flat)):
-            value = float(flat[index])
-            flat[index] = value + step
-            above = float(total().detach())
-            flat[index] = value - step
-            below = float(total().detach())
-            flat[index] = value
-            expected = (above - below) / (2 * step)
-            assert float(gradient.view(-1)[index]) == pytest.approx(expected, rel=1e-5, abs=1e-7)
+    check_gradients(model, lambda: drawn(model, at(time)))
 
 
 # Training.

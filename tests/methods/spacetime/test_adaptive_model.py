@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 from support.adaptive_splats import adaptive, ragged
+from support.model_gradients import check_gradients, drawn
 from support.moving_splats import at, seeded, spacetime
 
 from gsfw.methods.spacetime.adaptive_model import MIDDLE, _CountedPlaces
@@ -56,27 +57,7 @@ def test_rows_without_a_parameter_are_drawn_without_it():
 @pytest.mark.parametrize("colors", ["sh", "features"])
 def test_gradients_agree_with_difference_quotients(colors):
     model, _ = ragged(8, colors=colors)
-
-    def total() -> torch.Tensor:
-        sums = torch.zeros((), dtype=torch.float64)
-        for index, tensor in enumerate(model.splats(at(0.6)).tensors().values()):
-            weights = torch.randn(tensor.shape, generator=seeded(index), dtype=torch.float64)
-            sums = sums + (weights * tensor).sum()
-        return sums
-
-    total().backward()
-    for name, column in model.temporal_columns().items():
-        if name == "time_centers":  # Whose gradient is that of the opacity alone.
-            continue
-        values, gradient = column.values.data.view(-1), column.values.grad.view(-1)
-        for index in range(len(values)):
-            before, sums = float(values[index]), []
-            for moved in (before + 1e-6, before - 1e-6):
-                values[index] = moved
-                sums.append(float(total().detach()))
-            values[index] = before
-            quotient = (sums[0] - sums[1]) / 2e-6
-            assert float(gradient[index]) == pytest.approx(quotient, rel=1e-6, abs=1e-8), name
+    check_gradients(model, lambda: drawn(model, at(0.6)), without=("time_centers",))
 
 
 def test_drawing_neither_counts_nor_reads_once_rows_are_known():
