@@ -6,10 +6,8 @@ import pytest
 import torch
 from support.scenes import random_splats
 
-from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.splats import Sh
-from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.gaussians3d.initialisation import from_splats
 from gsfw.methods.gaussians3d.model import (
@@ -183,16 +181,6 @@ def test_projection_keeps_scales_in_range():
     scales = model.splats().scales
     assert scales is not None
     assert bool((scales.isfinite() & (scales > 0)).all())
-
-
-def test_a_restored_model_is_the_same_whatever_its_rows_were():
-    model = gaussians()
-    optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    SplatTable(model, optimizer).append(model.clone_rows(torch.tensor([1, 2])))
-    other = gaussians(n=4, seed=5)
-    other.load_state_dict(model.state_dict())
-    for name, value in model.state_dict().items():
-        assert torch.equal(value, other.state_dict()[name])
 
 
 def test_the_same_seed_gives_the_same_children():

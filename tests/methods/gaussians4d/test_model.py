@@ -251,22 +251,3 @@ def test_rows_come_and_go_as_those_of_static_gaussians():
     assert model.sizes().shape == (20,)
     assert model.lifetimes() is None
     assert model.active_bands() == 3
-
-
-def test_a_restored_model_draws_the_same_whatever_its_rows_were():
-    model, other = gaussians(trained=True), gaussians(trained=True)
-    optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    SplatTable(model, optimizer).append(model.clone_rows(torch.tensor([1, 2])))
-    with torch.no_grad():
-        for parameter in model.parameters():
-            parameter.mul_(1.5)
-        model.field.box.center.add_(0.1)
-    other.load_state_dict(model.state_dict())
-    assert_same_splats(other.splats(TIME), model.splats(TIME))
-
-
-@pytest.mark.parametrize("encoder", ENCODERS)
-def test_the_same_seed_gives_the_same_model(encoder):
-    first, again = gaussians(encoder), gaussians(encoder)
-    for name, value in first.state_dict().items():
-        assert torch.equal(value, again.state_dict()[name]), name

@@ -401,13 +401,3 @@ def test_a_few_rows_and_none_make_splats(n):
     model.perturb_(1.0, generator(), Operators())
     model.project_()
     assert model.sizes().shape == model.opacities().shape == model.lifetimes().shape == (n,)
-
-
-def test_a_restored_model_is_the_same_whatever_its_rows_were():
-    model, other = gaussians(), gaussians(4)
-    regularized(model, torch.ones(len(model.splats(at(0.5))), dtype=torch.bool))
-    assert len(model.graph.rows) == 20
-    other.load_state_dict(model.state_dict())
-    for name, value in model.state_dict().items():
-        assert torch.equal(value, other.state_dict()[name])
-    assert torch.equal(model.splats(at(0.3)).means, other.splats(at(0.3)).means)

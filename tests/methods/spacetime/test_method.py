@@ -105,13 +105,6 @@ def test_what_is_not_asked_for_has_no_columns():
     assert values(model, "motion").shape == (30, 1, 3)
 
 
-def test_the_same_seed_gives_the_same_model():
-    first, again, other = (start(colors="features", seed=seed)[1] for seed in (1, 1, 2))
-    for name, value in first.state_dict().items():
-        assert torch.equal(value, again.state_dict()[name])
-    assert not torch.equal(values(first, "time_centers"), values(other, "time_centers"))
-
-
 def test_rows_lose_parameters_of_time_at_the_steps_that_are_set():
     method, model = start(motion="adaptive", motion_start=3, motion_every=4)
     table = SplatTable(model, Optimizer(model, Operators(), OptimizerSettings()))

@@ -294,17 +294,6 @@ def test_projection_keeps_durations_and_centres_in_bounds():
     assert bool(model.sizes().isfinite().all())
 
 
-def test_a_restored_model_is_the_same_whatever_its_rows_were():
-    model = spacetime(colors="features")
-    optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    SplatTable(model, optimizer).append(model.clone_rows(torch.tensor([1, 2]), seeded()))
-    other = spacetime(n=4, seed=5, colors="features")
-    other.load_state_dict(model.state_dict())
-    assert other.num_rows == 22
-    for name, value in model.state_dict().items():
-        assert torch.equal(value, other.state_dict()[name])
-
-
 def test_the_lifetime_term_is_the_mean_opacity_at_that_time_without_gradient_to_time():
     model = spacetime(lifetime_reg=0.01)
     camera = replace(front_camera(dtype=torch.float64), time=torch.tensor([0.2]).double())
