@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote, unquote
 
 from gsfw.core.files.atomic import write_atomically
+from gsfw.preparation.native import names_by_number
 
 if TYPE_CHECKING:
     from pycolmap import Database
@@ -38,7 +39,7 @@ def listable_names(path: Path) -> Iterator[None]:
     import pycolmap
 
     with pycolmap.Database.open(path) as database:
-        _rename(database, {name: listable(name) for name in _names(database)})
+        _rename(database, {name: listable(name) for name in names_by_number(database).values()})
     try:
         yield
     finally:
@@ -48,12 +49,8 @@ def listable_names(path: Path) -> Iterator[None]:
 
 def restore_names(database: Database) -> None:
     """The true names, also where a process was ended before it could restore them."""
-    marked = [name for name in _names(database) if name.startswith(MARK)]
+    marked = [name for name in names_by_number(database).values() if name.startswith(MARK)]
     _rename(database, {name: unquote(name[len(MARK) :]) for name in marked})
-
-
-def _names(database: Database) -> list[str]:
-    return [image.name for image in database.read_all_images()]
 
 
 def _rename(database: Database, names: dict[str, str]) -> None:

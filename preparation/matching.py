@@ -19,7 +19,7 @@ from gsfw.preparation.database_part import add_matches, matches_of, part_of
 from gsfw.preparation.disk import check_room
 from gsfw.preparation.machines import Machines
 from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
-from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.native import names_by_number, opened_database, readable_native_errors
 from gsfw.preparation.pairs import PairPlan
 
 if TYPE_CHECKING:
@@ -95,8 +95,7 @@ def match_more(
 
     plan = PairPlan(tuple(pairs), "")
     with (
-        readable_native_errors("match features", database),
-        pycolmap.Database.open(database) as opened,
+        opened_database(database, "match features") as opened,
         pycolmap.DatabaseTransaction(opened),
     ):
         numbers = _numbers(opened)
@@ -112,14 +111,9 @@ def forget_matches(database: Path) -> None:
     Raises:
         DataError: COLMAP cannot work with the database.
     """
-    import pycolmap
-
     if not database.exists():
         return
-    with (
-        readable_native_errors("remove matches", database),
-        pycolmap.Database.open(database) as opened,
-    ):
+    with opened_database(database, "remove matches") as opened:
         restore_names(opened)
         opened.clear_matches()
         opened.clear_two_view_geometries()
@@ -212,7 +206,7 @@ def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> No
 
 
 def _numbers(database: Database) -> dict[str, int]:
-    return {image.name: image.image_id for image in database.read_all_images()}
+    return {name: number for number, name in names_by_number(database).items()}
 
 
 def _is_done(database: Database, numbers: dict[str, int], pair: Pair) -> bool:

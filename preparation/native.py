@@ -10,10 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from traceback import clear_frames
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from gsfw.core.errors import DataError, UserError
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.kernels.cpu.native_module import last_words
+
+if TYPE_CHECKING:
+    from pycolmap import Database
 
 ADVICE = (
     "Run the same command with a new out=DIR, so that features and matches are computed anew; if "
@@ -81,6 +85,24 @@ def readable_native_errors(task: str, database: Path) -> Iterator[None]:
         raise
     except (RuntimeError, ValueError, IndexError, MemoryError) as error:
         raise native_failure(task, database, str(error)) from error
+
+
+@contextmanager
+def opened_database(path: Path, task: str) -> Iterator[Database]:
+    """An opened database of COLMAP, whose errors name the task ("read the images").
+
+    Raises:
+        DataError: COLMAP cannot work with the database.
+    """
+    import pycolmap
+
+    with readable_native_errors(task, path), pycolmap.Database.open(path) as database:
+        yield database
+
+
+def names_by_number(database: Database) -> dict[int, str]:
+    """The names of all images of a database by their numbers."""
+    return {image.image_id: image.name for image in database.read_all_images()}
 
 
 @contextmanager

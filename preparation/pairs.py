@@ -12,7 +12,7 @@ from typing import Literal
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.match_list import Pair
-from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.native import names_by_number, opened_database
 from gsfw.preparation.panorama_views import DIRECTIONS
 from gsfw.preparation.retrieval import look_alikes
 
@@ -94,13 +94,8 @@ def plan_pairs(images: ImageSet, rule: MatchingRule, database: Path) -> PairPlan
 
 
 def _held(database: Path) -> set[str]:
-    import pycolmap
-
-    with (
-        readable_native_errors("read the images", database),
-        pycolmap.Database.open(database) as opened,
-    ):
-        return {image.name for image in opened.read_all_images()}
+    with opened_database(database, "read the images") as opened:
+        return set(names_by_number(opened).values())
 
 
 def _exhaustive(chosen: Sequence[SourceImage], rule: MatchingRule) -> PairPlan:

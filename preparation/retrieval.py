@@ -21,7 +21,7 @@ from jaxtyping import Float32
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
 from gsfw.preparation.cancellation import cancellable
-from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.native import names_by_number, opened_database
 
 if TYPE_CHECKING:
     from pycolmap import Database
@@ -61,16 +61,13 @@ def look_alikes(database: Path, vocabulary: Path | None) -> Mapping[str, Sequenc
         ConfigError: the file is no vocabulary of SIFT features.
         DataError: COLMAP cannot work with the database.
     """
-    import pycolmap
-
     if vocabulary is not None:
         check_vocabulary(vocabulary)
     with (
-        readable_native_errors("find look-alikes", database),
         TemporaryDirectory(dir=database.parent, prefix="vocabulary_") as folder,
-        pycolmap.Database.open(database) as opened,
+        opened_database(database, "find look-alikes") as opened,
     ):
-        names = {image.image_id: image.name for image in opened.read_all_images()}
+        names = names_by_number(opened)
         if vocabulary is None:
             features = _sample(opened, list(names))
             if len(features) < FOR_A_WORD * WORDS[0]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from gsfw.core.errors import DataError
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import camera_of
-from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.native import opened_database
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.moved_model import lens_of_camera
 
@@ -73,12 +73,7 @@ def set_lenses(database: Path, groups: Sequence[CameraGroup]) -> None:
     Raises:
         DataError: COLMAP cannot work with the database.
     """
-    import pycolmap
-
-    with (
-        readable_native_errors("set the cameras", database),
-        pycolmap.Database.open(database) as opened,
-    ):
+    with opened_database(database, "set the cameras") as opened:
         for group in groups:
             if not opened.exists_camera(group.number):
                 continue

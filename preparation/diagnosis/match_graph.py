@@ -14,7 +14,7 @@ from scipy import sparse
 from gsfw.preparation.diagnosis.link import MOVED, FeaturePlaces, Link
 from gsfw.preparation.diagnosis.repetition import repeated_share
 from gsfw.preparation.image_set import ImageSet
-from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.native import opened_database
 
 CHANCE = 25
 """Features that may look alike although nothing else does: of 304 pairs of a photo of fox and one
@@ -93,10 +93,7 @@ class MatchGraph:
         shots = {image.name: image.shot for image in images.images if image.view is not None}
         if not database.exists():
             return MatchGraph(names, (), shots=shots)
-        with (
-            readable_native_errors("read the matches", database),
-            pycolmap.Database.open(database) as opened,
-        ):
+        with opened_database(database, "read the matches") as opened:
             matches = dict(zip(*opened.read_num_matches(), strict=True))
             verified = dict(zip(*opened.read_two_view_geometry_num_inliers(), strict=True))
             places = FeaturePlaces(opened, images)

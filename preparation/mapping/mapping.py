@@ -24,7 +24,7 @@ from gsfw.preparation.mapping.incremental_mapping import (
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.merging import adjusted, is_as_precise, merge_models
 from gsfw.preparation.mapping.observations import cut_loose
-from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.native import names_by_number, opened_database, readable_native_errors
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
@@ -159,11 +159,8 @@ def continue_mapping(
 
 def _names_but(database: Path, without: Collection[str]) -> list[str]:
     """Names of all images of a database but some."""
-    from pycolmap import Database
-
-    with Database.open(database) as opened:
-        names = [image.name for image in opened.read_all_images()]
-    return [name for name in names if name not in without]
+    with opened_database(database, "read the images") as opened:
+        return [name for name in names_by_number(opened).values() if name not in without]
 
 
 def count_images(database: Path) -> int:
@@ -172,17 +169,12 @@ def count_images(database: Path) -> int:
     Raises:
         DataError: there is no such database, or it is damaged.
     """
-    from pycolmap import Database
-
     if not database.is_file():
         raise DataError(
             f"{database} is missing: it holds the features and matches of the images.",
             "Run the same command with a new out=DIR, so that they are computed anew.",
         )
-    with (
-        readable_native_errors("read the images", database),
-        Database.open(database) as opened,
-    ):
+    with opened_database(database, "read the images") as opened:
         return int(opened.num_images())
 
 
@@ -237,9 +229,7 @@ def _up_to(database: Path, total: int, advance: Advance, known: int = 0) -> Adva
 
     COLMAP counts frames, which are panoramas where images are views of them.
     """
-    from pycolmap import Database
-
-    with Database.open(database) as opened:
+    with opened_database(database, "read the images") as opened:
         each = total / max(1, opened.num_frames())
     return lambda count: advance(min(known + round(count * each), total))
 

@@ -20,6 +20,7 @@ from gsfw.preparation.mapping.incremental_mapping import RELAXED, Models, increm
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.observations import Observations
 from gsfw.preparation.match_list import Pair
+from gsfw.preparation.native import names_by_number, opened_database
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction, Rigid3d, Sim3d
@@ -95,8 +96,8 @@ def bridge_pairs(
     import pycolmap
 
     inside = set(pycolmap.Reconstruction(models[0]).reg_image_ids()) if models else set()
-    with pycolmap.Database.open(database) as opened:
-        names = {image.image_id: image.name for image in opened.read_all_images()}
+    with opened_database(database, "read the matches") as opened:
+        names = names_by_number(opened)
         alike = dict(zip(*opened.read_num_matches(), strict=True))
         verified = dict(zip(*opened.read_two_view_geometry_num_inliers(), strict=True))
     ranked = [
