@@ -2,8 +2,8 @@
 
     python benchmarks/distractor_cost.py [NAME=VALUE ...] [--sizes 320x180 640x359] [--repeats 3]
 
-Prints the rows of the table in docs/guides/data.md. Both kinds of steps alternate in each run, and
-sizes alternate between runs; a figure is the median over the steps of all runs.
+Prints the rows of the table in docs/results/corrections.md. Both kinds of steps alternate in each
+run, and sizes alternate between runs; a figure is the median over the steps of all runs.
 """
 
 # ruff: noqa: T201

@@ -2,8 +2,9 @@
 
     python benchmarks/distractors.py [NAME=VALUE ...] [--data DIR] [--shares 0 0.3 0.6] [--seeds 3]
 
-Prints the rows of the table in docs/guides/data.md: the built-in scene, or a still capture. Each
-training image of a share gets one to three ellipses of other colours; held-out images stay clean.
+Prints the rows of the table in docs/results/corrections.md: the built-in scene, or a still capture.
+Each training image of a share gets one to three ellipses of other colours; held-out images stay
+clean.
 
     python benchmarks/distractors.py --finding [NAME=VALUE ...] [--data DIR] [--shares 0 0.3]
 
