@@ -8,8 +8,8 @@ that the schedule has for that step: it rises fast at first and ends at ``per_pi
 Differences from FastGS: no thresholds of gradients and of counts of bad pixels, which depend on
 scene and image size; the errors of views that training renders anyway, in the last steps before a
 round, instead of views rendered for it; small rows are split too, and none cloned; pruning by
-contributions is that of ``strategy.budget``; and opacities are not reset. ``docs/guides/growth.md``
-measures each of them.
+contributions is that of ``strategy.budget``; and opacities are not reset.
+``docs/results/growth-and-dense-start.md`` measures each of them.
 """
 
 from __future__ import annotations
