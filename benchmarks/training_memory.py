@@ -4,7 +4,7 @@
     python benchmarks/training_memory.py --only 3dgs      # those with a word in their settings
 
 Measured is the largest anonymous memory (``RssAnon``, which control groups count) of a process
-``gsfw train`` on the built-in scene with one thread. The table in docs/guides/large-scenes.md has
+``gsfw train`` on the built-in scene with one thread. The table in docs/results/large-scenes.md has
 its results, and the constants of core/training_memory.py are fitted to them.
 """
 

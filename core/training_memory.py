@@ -3,7 +3,7 @@
 Measured as the most anonymous memory (``RssAnon``, which a control group counts) of whole runs of
 four methods with 1000 to 1,000,000 Gaussians, 768 to 1.9 million pixels and 1 to 12 views of a
 step by ``benchmarks/training_memory.py``; the estimate is 0.91 to 1.13 of it.
-docs/guides/large-scenes.md has the table.
+docs/results/large-scenes.md has the table.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gsfw.core.model import PrimitiveModel
 
 CERTAIN = 0.85
 """Part of the estimate that a run takes at least: it was 0.88 to 1.10 of it where it was measured
-(docs/guides/large-scenes.md). Only a run that needs more than there is even then is refused."""
+(docs/results/large-scenes.md). Only a run that needs more than there is even then is refused."""
 BASE_BYTES = 292e6
 """Memory of a training process without Gaussians and images."""
 COPIES = 4
@@ -26,7 +26,7 @@ VIEW_BYTES = 128.0
 """Bytes of a Gaussian for each view of a step: its projection, tile intersections, gradients."""
 SHARED_RENDER = 2.8
 """Factor of that where several processes share the Gaussians, and exchange all views at once:
-four views at 320x240 took 2200 to 2600 bytes for each Gaussian (docs/guides/many-machines.md)."""
+four views at 320x240 took 2200 to 2600 bytes for each Gaussian (docs/results/large-scenes.md)."""
 START_BYTES = 735.0
 """Memory of a Gaussian while a model is built, which each of several processes does for all;
 measured with 400,000 (built-in scene)."""
