@@ -42,6 +42,12 @@ PAGES: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Title and introduction of the page of each slot."""
 
+PRESETS_OF_ALL = (
+    "Settings that go together: those on the page of the method, and for every method `paper`, the "
+    "steps of its paper without the cooldown of the rates."
+)
+"""Meaning of the key preset."""
+
 FORMATS = "formats"
 """Name of the page of exporters."""
 
@@ -150,7 +156,7 @@ def _tables(rows: Iterable[Row]) -> str:
 def _run_page(common: list[Row]) -> str:
     choices = [
         [code("method"), "name", "", "", "The method; see the pages of methods."],
-        [code("preset"), "name", code("default"), "", "Settings that go together; see the method."],
+        [code("preset"), "name", code("default"), "", PRESETS_OF_ALL],
         [
             code("config"),
             "path",
