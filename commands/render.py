@@ -33,7 +33,7 @@ class RenderOptions(RunOptions, DetailOptions):
     )
 
     run: str = positional("RUN")
-    """A run folder, a checkpoint, a model file (.gsfw), a splat file (.ply, .lod), or latest."""
+    """A run folder, a checkpoint, a model file (.gsfw), a splat file of any format, or latest."""
     what: Literal[
         "all", "views", "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
     ] = "all"
