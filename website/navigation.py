@@ -16,8 +16,8 @@ GROUPS: Mapping[str, Sequence[str]] = MappingProxyType(
             *("guides/data", "guides/prepare", "guides/settings", "guides/minutes"),
             *("guides/terminal", "guides/run-outputs", "guides/moving-scenes", "guides/cuda"),
             *("guides/dense-start", "guides/growth", "guides/requirements", "guides/studies"),
-            *("guides/remote-data", "guides/large-scenes", "guides/very-large-scenes"),
-            *("guides/many-machines", "guides/production", "guides/benchmarks", "guides/*"),
+            *("guides/remote-data", "guides/large-scenes", "guides/many-machines"),
+            *("guides/production", "guides/benchmarks", "guides/*"),
         ),
         "Use the result": (
             *("guides/viewer", "guides/render", "guides/report", "guides/formats", "guides/web"),
