@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32, Float64
 
 from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.exchange import Importer, SplatFile
@@ -29,8 +30,10 @@ from gsfw.formats.gltf.layout import (
 )
 from gsfw.formats.gltf.nodes import placed_meshes
 from gsfw.formats.placement import Matrix, placed
-from gsfw.formats.stored_rows import RDF_TO_LUF, StoredRows
+from gsfw.formats.stored_rows import MIN_LOG_SCALE, RDF_TO_LUF, StoredRows
 
+LOGARITHMS = 0.25
+"""Share of negative scales above which all scales are logarithms."""
 ALWAYS = 1_000_000
 """Splats that may come from repeated use of few; more only if the file has as many bytes."""
 
@@ -166,11 +169,21 @@ def _stored_rows(document: Document, primitive: JsonFields) -> StoredRows:
     return StoredRows(
         means=means,
         logits=logits_of(opacities),
-        log_scales=log_scales_of(values(scale, "VEC3")),
+        log_scales=_log_scales(values(scale, "VEC3")),
         quats=np.roll(values(rotation, "VEC4"), 1, axis=1).astype(np.float32),
         dc=dc.astype(np.float32),
         rest=rest,
     )
+
+
+def _log_scales(scales: Float64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 3"]:
+    """Logarithms of scales, which files of the review draft (until spring 2026) hold themselves.
+
+    Linear scales are not negative.
+    """
+    if (scales < 0).mean() > LOGARITHMS:
+        return np.maximum(scales, MIN_LOG_SCALE).astype(np.float32)
+    return log_scales_of(scales)
 
 
 def _degree(attributes: JsonFields) -> int:

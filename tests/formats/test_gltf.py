@@ -227,6 +227,21 @@ def test_splats_below_a_node_that_stretches_are_stretched(tmp_path):
     assert largest(again.colors.coefficients, given.colors.coefficients) < 1e-5
 
 
+def test_files_of_the_review_draft_have_logarithms_of_scales(tmp_path):
+    """So splat-transform wrote them until June 2026."""
+    given = trained_splats(40, 1)
+    document, binary = taken_apart(write(tmp_path / "a.glb", given))
+    attributes = document["meshes"][0]["primitives"][0]["attributes"]
+    accessor = document["accessors"][attributes["KHR_gaussian_splatting:SCALE"]]
+    first = document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+    drafted = bytearray(binary)
+    stored = np.ndarray((40, 3), "<f4", drafted, first)
+    stored[:] = np.log(stored)
+    found = read(put_together(tmp_path / "b.glb", document, bytes(drafted)))
+    assert found.num_dropped == 0
+    assert torch.allclose(found.splats.scales, given.scales, rtol=1e-5)
+
+
 def test_splats_that_their_nodes_move_beyond_float32_are_dropped_and_counted(tmp_path):
     document, binary = quantised(small())
     for scale in ([1e38, 1e38, 1e38], [1e38, 1, 1]):
