@@ -9,7 +9,7 @@ from pathlib import Path
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource, Holds, MotionFile
 from gsfw.core.ranges import number
-from gsfw.formats.usd.field import field_values, upright
+from gsfw.formats.usd.field import field_values, origin_of, upright
 from gsfw.formats.usd.package import PACKAGE, SUFFIX, check_available
 from gsfw.formats.usd.stage import Playback, write_stage
 from gsfw.formats.visible_splats import without_invisible
@@ -57,9 +57,10 @@ class UsdExporter(Exporter):
         turned, up = upright(replace(file, content=reduced))
         last = float(max(file.frames - 1, 1))
         codes = [last * time for time in self._times(file)]
-        samples = ((code, field_values(turned, code / last)) for code in codes)
+        origin = origin_of(turned)
+        samples = ((code, field_values(turned, code / last, origin)) for code in codes)
         playback = None if file.is_still else Playback(last, self.fps)
-        write_stage(path, file, up, samples, playback=playback, half=self.half)
+        write_stage(path, file, up, samples, origin=origin, playback=playback, half=self.half)
 
     def _times(self, file: MotionFile) -> list[float]:
         """The times of the samples, in [0, 1]."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from gsfw.core.exchange import MotionFile
 from gsfw.core.maths.axes import stated_axis, turned_to_y
@@ -17,6 +17,10 @@ from gsfw.formats.stored_rows import StoredRows, stored_parts
 
 REACH = 3.0
 """Standard deviations of a Gaussian that the extent contains, as UsdVol describes the kernel."""
+FLOAT32 = 2.0**-24
+"""Largest relative rounding error of float32."""
+UNSEEN = 0.01
+"""Rounding of positions that nobody sees, as a part of the median scale."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,22 @@ def upright(file: MotionFile) -> tuple[MotionFile, str]:
     return in_world(file, Similarity(rotation=turned_to_y(up))), "Y"
 
 
-def field_values(file: MotionFile, time: float) -> FieldValues:
-    """The values at a time in [0, 1].
+def origin_of(file: MotionFile) -> Float64[np.ndarray, " 3"]:
+    """A point near all splats, if float32 would round their positions; else 0.
+
+    Georeferenced worlds have coordinates of millions, which float32 holds to half a unit.
+    """
+    splats = file.content.splats
+    if not len(splats) or splats.scales is None:
+        return np.zeros(3)
+    rounding = float(splats.means.abs().max()) * FLOAT32
+    if rounding <= UNSEEN * float(splats.scales.median()):
+        return np.zeros(3)
+    return splats.means.median(dim=0).values.round().numpy()
+
+
+def field_values(file: MotionFile, time: float, origin: Float64[np.ndarray, " 3"]) -> FieldValues:
+    """The values at a time in [0, 1], with positions relative to a point.
 
     Raises:
         ValueError: a value is not finite, or out of range; names the field and the row; or there
@@ -56,6 +74,7 @@ def field_values(file: MotionFile, time: float) -> FieldValues:
     """
     splats = file.content.splats if file.is_still else all_splats_at(file, time)
     stored = StoredRows.cat(list(stored_parts(splats)))
+    stored = replace(stored, means=stored.means - origin)
     scales = np.exp(stored.log_scales)
     coefficients = np.concatenate([stored.dc[:, None], stored.rest], axis=1)
     return FieldValues(

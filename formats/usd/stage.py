@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float64
 
 from gsfw.core.exchange import MotionFile
 from gsfw.core.files.atomic import atomic_file
@@ -41,6 +42,7 @@ def write_stage(
     up: str,
     samples: Iterable[tuple[float, FieldValues]],
     *,
+    origin: Float64[np.ndarray, " 3"],
     playback: Playback | None,
     half: bool,
 ) -> None:
@@ -51,6 +53,7 @@ def write_stage(
         about: the splats, for what the stage states of them.
         up: axis that points up, "Y" or "Z".
         samples: values by ascending time codes, at least one.
+        origin: place of the field, in float64; its positions are relative to it.
         playback: ``None`` for a field at rest.
         half: true for values of 16 bits, but for positions.
 
@@ -61,7 +64,7 @@ def write_stage(
 
     with atomic_file(path) as file, TemporaryDirectory(dir=path.parent, prefix=".usd-") as folder:
         stage = _stage(path.stem, about, up, playback)
-        _fill(_field(stage), samples, half)
+        _fill(_field(stage, origin), samples, half)
         # In a package, the suffix of the stage is the one of its format in bytes.
         inner = Path(folder) / path.with_suffix(SUFFIX).name
         written = Path(folder) / path.name
@@ -101,14 +104,18 @@ def _stage(name: str, about: MotionFile, up: str, playback: Playback | None) -> 
     return stage
 
 
-def _field(stage: Usd.Stage) -> UsdVol.ParticleField3DGaussianSplat:
-    """The field, with the hints for its renderers."""
-    from pxr import UsdVol
+def _field(
+    stage: Usd.Stage, origin: Float64[np.ndarray, " 3"]
+) -> UsdVol.ParticleField3DGaussianSplat:
+    """The field in its place, with the hints for its renderers."""
+    from pxr import Gf, UsdVol
 
     path = stage.GetDefaultPrim().GetPath().AppendChild(FIELD)
     field = UsdVol.ParticleField3DGaussianSplat.Define(stage, path)
     field.CreateProjectionModeHintAttr("perspective")
     field.CreateSortingModeHintAttr("zDepth")
+    if origin.any():
+        field.AddTranslateOp().Set(Gf.Vec3d(*origin.tolist()))
     return field
 
 

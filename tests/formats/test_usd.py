@@ -128,6 +128,22 @@ def test_files_are_read_back_in_the_world_of_the_data(tmp_path, up, suffix):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("up", ["z", "-y"])
+def test_georeferenced_positions_keep_their_precision(tmp_path, up):
+    """At 5,000,000, float32 has steps of half a unit."""
+    given = trained_splats(25, 1)
+    far = replace(given, means=given.means + torch.tensor([5e6, -4e5, 120.7]).double())
+    UsdExporter().write(tmp_path / "a.usdc", SplatFile(far, up=up))
+    found = UsdImporter().read(tmp_path / "a.usdc").splats
+    assert torch.allclose(found.means, far.means, rtol=0, atol=1e-5)
+    stage, field = opened(tmp_path / "a.usdc")
+    assert float(values(field, "positions").abs().max()) < 20
+    UsdExporter().write(tmp_path / "near.usdc", SplatFile(given, up=up))
+    stage, field = opened(tmp_path / "near.usdc")
+    assert not UsdGeom.Xformable(field).GetOrderedXformOps()
+
+
+@pytest.mark.slow
 def test_16_bits_round_all_but_the_positions(tmp_path):
     given = trained_splats(50, 1)
     for half in (False, True):
