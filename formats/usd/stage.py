@@ -196,6 +196,9 @@ def _fill(
     field.CreateRadianceSphericalHarmonicsDegreeAttr(degree_of(per_row))
     for attribute in attributes:
         attribute.set(first)
+        if attribute.name == "coefficients":  # As of a primvar, which some readers take it for.
+            attribute.stored.SetMetadata("interpolation", "vertex")
+            attribute.stored.SetMetadata("elementSize", per_row)
     codes, changed = [start], set[str]()
     for code, values in following:
         for attribute in attributes:

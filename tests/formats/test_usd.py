@@ -81,6 +81,9 @@ def test_openusd_reads_the_same_scene_upright(tmp_path, up):
     expected = colors(given.colors.coefficients.double(), directions)
     assert torch.allclose(seen, expected, atol=1e-4)
     assert field.GetAttribute("radiance:sphericalHarmonicsDegree").Get() == 3
+    # NVIDIA's requirement VG.035 wants these.
+    stated = [field.GetAttribute(SH).GetMetadata(name) for name in ("interpolation", "elementSize")]
+    assert stated == ["vertex", 16]
 
 
 def test_the_stage_is_one_that_openusd_finds_no_fault_with(tmp_path):
