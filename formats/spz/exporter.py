@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -13,11 +13,13 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource, SplatFile
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.splats import Splats
-from gsfw.formats.spz.layout import ENTRY, MOST_BITS, MOST_DEGREE, PLAIN_HEADER, SpzHeader
+from gsfw.formats.spz.layout import AS_PLY, ENTRY, MOST_BITS, MOST_DEGREE, PLAIN_HEADER, SpzHeader
 from gsfw.formats.spz.quantisation import SH_BITS, packed_bands, packed_base
 from gsfw.formats.spz.zstandard import check_available, compressed
-from gsfw.formats.stored_rows import RDF_TO_RUB, check_any, stored_parts
+from gsfw.formats.stored_rows import RDF_TO_RUB, Signs, check_any, stored_parts
 
+AXES = {"rub": RDF_TO_RUB, "rdf": (1.0, 1.0, 1.0)}
+"""Signs of the axes of PLY files in those that a file may have."""
 BITS = 12
 """Bits after the point: of the official encoder, always."""
 LARGEST = (1 << MOST_BITS) - 1
@@ -41,8 +43,12 @@ class SpzExporter(Exporter):
     """Bits of the SH bands, in which this format loses most; every reader takes all of them. 4, as
     Niantic's encoder: smallest. 6: half more bytes, 7 to 8 dB nearer to the splats."""
 
+    axes: Literal["rub", "rdf"] = "rub"
+    """Axes of the file. rub: right, up, back, as the format specifies. rdf: those of PLY files, as
+    SuperSplat and converters of PLY expect; a record in the file says so."""
+
     def __post_init__(self) -> None:
-        """Check the version and the bits.
+        """Check the options.
 
         Raises:
             ConfigError: they are not written.
@@ -54,6 +60,8 @@ class SpzExporter(Exporter):
                 f"format.version={self.version}: SPZ is written in version 2, 3 or 4.",
                 "Leave it out for 3, which most viewers read.",
             )
+        if self.axes not in AXES:
+            raise ConfigError(f"format.axes={self.axes}: expected {' or '.join(AXES)}.")
 
     @property
     def most_sh_degree(self) -> int:
@@ -73,22 +81,26 @@ class SpzExporter(Exporter):
         if self.version >= PLAIN_HEADER:
             check_available("format.version=4")
         splats = content.splats.up_to(MOST_DEGREE[self.version])
-        header = _header(self.version, content, splats)
+        records = AS_PLY if self.axes == "rdf" else b""
+        header = _header(self.version, content, splats, len(records))
+        streams = _streams(splats, header, self.sh_bits, AXES[self.axes])
         with atomic_file(path) as file:
             if self.version >= PLAIN_HEADER:
-                _write_by_stream(file, splats, header, self.sh_bits)
+                _write_by_stream(file, streams, header, records)
             else:
                 encoder = zlib.compressobj(wbits=31)
                 file.write(encoder.compress(header.to_bytes()))
-                for stream in _streams(splats, header, self.sh_bits):
+                for stream in streams:
                     for part in stream:
                         file.write(encoder.compress(part))
-                file.write(encoder.flush())
+                file.write(encoder.compress(records) + encoder.flush())
 
 
-def _header(version: int, content: SplatFile, splats: Splats) -> SpzHeader:
+def _header(version: int, content: SplatFile, splats: Splats, records: int) -> SpzHeader:
+    """The header of a file with so many bytes of extension records."""
     degree, bits = splats.sh_degree, _fractional_bits(splats)
-    return SpzHeader(version, len(splats), degree, bits, content.antialiased)
+    plain = SpzHeader(version, len(splats), degree, bits, content.antialiased, records > 0)
+    return replace(plain, table=plain.table + records)
 
 
 def _fractional_bits(splats: Splats) -> int:
@@ -115,26 +127,30 @@ def _fractional_bits(splats: Splats) -> int:
     return bits
 
 
-def _streams(splats: Splats, header: SpzHeader, sh_bits: int) -> Iterator[Iterable[bytes]]:
+def _streams(
+    splats: Splats, header: SpzHeader, sh_bits: int, signs: Signs
+) -> Iterator[Iterable[bytes]]:
     """The streams, each part by part.
 
     All but the SH bands are packed at once, 20 bytes a splat; the bands, the bulk of a file, while
     they are written.
     """
-    base = (part.mirrored(RDF_TO_RUB) for part in stored_parts(splats.up_to(0)))
+    base = (part.mirrored(signs) for part in stored_parts(splats.up_to(0)))
     yield from zip(*(packed_base(part, header) for part in base), strict=True)
     if header.degree:
-        parts = (part.mirrored(RDF_TO_RUB) for part in stored_parts(splats))
+        parts = (part.mirrored(signs) for part in stored_parts(splats))
         yield (packed_bands(part.rest, sh_bits) for part in parts)
 
 
-def _write_by_stream(file: BinaryIO, splats: Splats, header: SpzHeader, sh_bits: int) -> None:
+def _write_by_stream(
+    file: BinaryIO, streams: Iterable[Iterable[bytes]], header: SpzHeader, records: bytes
+) -> None:
     """Version 4: the table of sizes is filled in when the streams are written."""
     sizes = header.stream_sizes
-    file.write(header.to_bytes())
+    file.write(header.to_bytes() + records)
     file.write(bytes(ENTRY.size * len(sizes)))
     entries = []
-    for stream, size in zip(_streams(splats, header, sh_bits), sizes, strict=True):
+    for stream, size in zip(streams, sizes, strict=True):
         written = sum(file.write(part) for part in compressed(stream, size))
         entries.append(ENTRY.pack(written, size))
     file.seek(header.table)

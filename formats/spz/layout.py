@@ -26,6 +26,13 @@ HALVES, FIRST_THREE, PLAIN_HEADER = 1, 2, 4
 with a plain header."""
 ANTIALIASED, EXTENDED = 1, 2
 """Flags: trained with antialiasing; extension records follow."""
+RECORD = struct.Struct("<II")
+"""Head of an extension record: its kind, and bytes of what follows."""
+COORDINATES = 0xADBE0003
+"""Adobe's record of the axes of a file. Right, up and front are L or R (bit 0), D or U (bit 1), B
+or F (bit 2) of its value, less one."""
+AS_PLY = RECORD.pack(COORDINATES, 4) + (6).to_bytes(4, "little")
+"""The record of axes as in PLY files: right, down, front."""
 MOST_BITS = 23
 """Positions have 24 bits, one of them for the sign."""
 MOST_DEGREE = {1: 3, 2: 3, 3: 3, 4: 4}
@@ -60,7 +67,7 @@ class SpzHeader:
         """The header as a file begins."""
         plain = self.version >= PLAIN_HEADER
         streams = len(self.stream_sizes) if plain else 0
-        flags = ANTIALIASED * self.antialiased
+        flags = ANTIALIASED * self.antialiased + EXTENDED * self.is_extended
         common = COMMON.pack(
             *(MAGIC, self.version, self.count, self.degree, self.bits, flags, streams)
         )

@@ -6,7 +6,6 @@ the size of the file justifies.
 
 from __future__ import annotations
 
-import struct
 import zlib
 from itertools import accumulate
 from pathlib import Path
@@ -18,10 +17,12 @@ from gsfw.core.errors import COPY_AGAIN, DataError
 from gsfw.core.files.reading import first_bytes, readable
 from gsfw.formats.spz.layout import (
     COMMON,
+    COORDINATES,
     ENTRY,
     MAGIC,
     PLACES,
     PLAIN_HEADER,
+    RECORD,
     SpzHeader,
     read_header,
 )
@@ -37,12 +38,8 @@ ALWAYS, RATIO = 1 << 26, 200
 larger ones to a 200th. Real scenes are compressed to a half or a third."""
 MOST_EXTENSIONS = 1 << 16
 """Bytes of extension records, a few dozen each."""
-RECORD = struct.Struct("<II")
-COORDINATES = 0xADBE0003
-"""Adobe's record of the stored frame."""
 UNSPECIFIED, LAST_MIRRORED = 0, 8
-"""Values of that record: no statement; the last frame whose axes are those of ours but for signs.
-The eight in order: L or R (bit 0), D or U (bit 1), B or F (bit 2)."""
+"""Values of the record of axes: no statement; the last frame whose axes are ours but for signs."""
 
 
 def read_streams(path: Path) -> tuple[SpzHeader, list[Bytes], Signs]:

@@ -25,7 +25,8 @@ from gsfw.core.splats import Sh
 from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.formats.spz.exporter import SpzExporter
 from gsfw.formats.spz.importer import SpzImporter
-from gsfw.formats.spz.quantisation import packed_bands
+from gsfw.formats.spz.quantisation import packed_bands, unpacked
+from gsfw.formats.spz.streams import read_streams
 
 COPY = "It may have been cut short or changed in copying; get it again."
 VERSIONS = (2, 3, 4)
@@ -163,6 +164,18 @@ def test_positions_of_version_1_are_halves(tmp_path):
     assert means.tolist() == [[1, -2, -3], [-0.5, -0.25, -1000]]
 
 
+@pytest.mark.parametrize("version", [2, 3, 4])
+def test_the_axes_of_ply_are_written_on_demand_and_stated(tmp_path, version):
+    """SuperSplat and splat-transform take all SPZ for such files since May 2026."""
+    given, path = trained_splats(60, 2), tmp_path / "a.spz"
+    SpzExporter(version=version, axes="rdf").write(path, SplatFile(given))
+    check_within_quantisation(given, read(path).splats, version)
+    header, streams, signs = read_streams(path)
+    assert (signs, header.is_extended) == ((1.0, 1.0, 1.0), True)
+    stored = unpacked(streams, header).means
+    assert largest(torch.from_numpy(stored), given.means) <= 0.5**header.bits
+
+
 def test_a_frame_that_an_extension_states_is_respected(tmp_path):
     # Adobe's record, kind 0xADBE0003, says RDF (6): nothing has to be turned. LUF is 7.
     given = trained_splats(5, 1)
@@ -247,6 +260,9 @@ def test_other_versions_are_not_written():
     with pytest.raises(ConfigError) as caught:
         SpzExporter(sh_bits=9)
     assert str(caught.value) == "format.sh_bits=9: expected 4 to 8."
+    with pytest.raises(ConfigError) as caught:
+        SpzExporter(axes="xyz")
+    assert str(caught.value) == "format.axes=xyz: expected rub or rdf."
 
 
 def test_a_missing_zstandard_is_one_sentence(tmp_path, monkeypatch):

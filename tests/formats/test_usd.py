@@ -142,7 +142,7 @@ def test_georeferenced_positions_keep_their_precision(tmp_path, up):
     stage, field = opened(tmp_path / "a.usdc")
     assert float(values(field, "positions").abs().max()) < 20
     UsdExporter().write(tmp_path / "near.usdc", SplatFile(given, up=up))
-    stage, field = opened(tmp_path / "near.usdc")
+    _stage, field = opened(tmp_path / "near.usdc")
     assert not UsdGeom.Xformable(field).GetOrderedXformOps()
 
 
