@@ -9,8 +9,8 @@ GARDEN = "reference/garden_workload.npz"
 CAPTURES = {"fox": "captures/fox", "chair": "synthetic/chair"}
 """Paths in the shared data; a folder that holds them by their last name alone will do."""
 
-FIELDS = ("hash_features", "penalties", "plane_product", "slice")
-"""Operators of temporal fields, whose tests are those of all kernels."""
+FIELDS = ("all_operators", "hash_features", "penalties", "plane_product", "slice")
+"""Tests of temporal fields, which are those of all kernels."""
 
 TESTS = (
     "tests/rasterizers",

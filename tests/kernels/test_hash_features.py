@@ -7,9 +7,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.calls import Calls, CountedLauncher
-from support.field_tensors import HASH_SIZES, agree, gradients, hash_tables, hashed, numbers
+from support.field_tensors import HASH_SIZES, agree, hash_tables, hashed, numbers
 
-from gsfw.core.loop.determinism import deterministic
 from gsfw.core.maths.hash_features import PRIMES
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.field_jobs import HASH_LEVELS
@@ -73,17 +72,6 @@ def test_tables_that_begin_anywhere_or_lie_apart_are_taken_too(operators_there, 
         agree(function, operators_there, others, place, roundings=256.0)
 
 
-def test_only_gradients_that_are_wanted_are_made(operators_there, place):
-    function = hashed(2 * numbers(30, 3, seed=0) - 1)
-    tables = [table.to(place) for table in hash_tables(torch.float64, 4)]
-    tables[1].requires_grad_()
-    found, expected = (
-        torch.autograd.grad(function(kind, tables)[0].square().sum(), tables[1])[0]
-        for kind in (operators_there, Operators())
-    )
-    torch.testing.assert_close(found, expected)
-
-
 def test_places_have_no_gradient_as_in_torch(operators_of):
     places = numbers(5, 3, seed=0).requires_grad_()
     time, tables = numbers(1, seed=1)[0].requires_grad_(), hash_tables(torch.float64, 4)
@@ -115,26 +103,6 @@ def test_what_kernels_do_not_take_goes_to_torch(case):
     )
     assert torch.equal(found, expected)
     assert launcher.launches == []
-
-
-def test_deterministic_algorithms_are_those_of_torch():
-    function, tables = hashed(numbers(5, 3, seed=0)), hash_tables(torch.float64, 4)
-    launcher = CountedLauncher()
-    with deterministic(torch.device("cpu")):
-        (found,) = function(CudaOperators(launcher), tables)
-    assert torch.equal(found, function(Operators(), tables)[0])
-    assert launcher.launches == []
-
-
-def test_any_order_of_threads_gives_the_same_sums_but_for_rounding(operators_of):
-    function, tables = hashed(2 * numbers(60, 3, seed=0) - 1), hash_tables(torch.float64, 4)
-    first, *others = (
-        gradients(function, operators_of(seed), tables, torch.device("cpu")) for seed in (0, 1, 2)
-    )
-    for other in others:
-        assert torch.equal(first[0], other[0]), "features"
-        for one, two in zip(first[1:], other[1:], strict=True):
-            torch.testing.assert_close(one, two, rtol=1e-12, atol=1e-12)
 
 
 def test_the_kernels_know_the_factors_of_the_hash():

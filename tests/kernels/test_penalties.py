@@ -7,9 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.calls import Calls, CountedLauncher
-from support.field_tensors import Function, agree, gradients, numbers
-from torch import Tensor
-from torch.autograd import forward_ad
+from support.field_tensors import agree, distance, gradients, numbers, variation
 
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.field_jobs import GRID_NUMBERS
@@ -23,14 +21,6 @@ VARIATIONS = [
     ((4, 5, 6), (-2, -1), 1), ((1,), (0,), 1), ((3,), (0,), 2), ((1, 1, 4), (0, 1), 1),
     ((3, 37, 41, 3), (1, 2), 1),
 ]  # fmt: skip
-
-
-def variation(axes: tuple[int, ...], order: int) -> Function:
-    return lambda operators, tensors: (operators.squared_differences(*tensors, axes, order, 0.3),)
-
-
-def distance(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor]:
-    return (operators.mean_distance(tensors[0], 0.5, 0.7),)
 
 
 @pytest.mark.parametrize(("shape", "axes", "order"), VARIATIONS)
@@ -99,30 +89,6 @@ def test_a_value_takes_two_launches_and_its_gradient_one():
         assert names == [name, "add_penalty", f"{name}_backward"]
 
 
-def test_backward_may_run_twice(operators_of):
-    grid = numbers(4, 5, 6, seed=1).requires_grad_()
-    for function in (variation((0, 1), 1), distance):
-        (value,) = function(operators_of(0), [grid])
-        (first,) = torch.autograd.grad(value, grid, retain_graph=True)
-        (second,) = torch.autograd.grad(2 * value, grid)
-        torch.testing.assert_close(2 * first, second)
-
-
-def test_second_derivatives_come_from_torch(operators_of):
-    values = numbers(9, seed=1).requires_grad_()
-    second = []
-    for kind in (operators_of(0), Operators()):
-        (gradient,) = torch.autograd.grad(
-            distance(kind, [values])[0] ** 2, values, create_graph=True
-        )
-        second.append(torch.autograd.grad(gradient.square().sum(), values)[0])
-    torch.testing.assert_close(*second)
-    total = variation((0,), 1)(operators_of(0), [values])[0] ** 2
-    (gradient,) = torch.autograd.grad(total, values, create_graph=True)
-    with pytest.raises(RuntimeError, match="differentiate twice"):  # As in torch.
-        gradient.sum().backward()
-
-
 LEFT = {
     "no numbers": (torch.zeros(0, 3), (1,), 1),
     "half precision": (numbers(4, 3, seed=1).half(), (1,), 1),
@@ -141,12 +107,3 @@ def test_what_kernels_do_not_take_goes_to_torch(case):
     )
     assert torch.equal(found.nan_to_num(7.0), expected.nan_to_num(7.0))
     assert launcher.launches == []
-
-
-@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
-def test_derivatives_carried_forward_come_from_torch(operators_of):
-    values = numbers(9, seed=1)
-    with forward_ad.dual_level():
-        dual = forward_ad.make_dual(values, torch.ones_like(values))
-        (value,) = distance(operators_of(0), [dual])
-        assert forward_ad.unpack_dual(value).tangent is not None

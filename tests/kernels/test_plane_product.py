@@ -10,7 +10,6 @@ from support.calls import Calls, CountedLauncher
 from support.field_tensors import agree, gradients, numbers, plane_tensors, product
 from torch.autograd import forward_ad
 
-from gsfw.core.loop.determinism import deterministic
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.field_jobs import PLANE_LEVELS
 from gsfw.kernels.cuda.operators import CudaOperators
@@ -73,24 +72,6 @@ def test_a_product_and_its_gradients_take_a_launch_each():
     assert calls.operations.count("aten.new_zeros.default") == 1
 
 
-@pytest.mark.parametrize("wanted", [0, 1, 3])
-def test_only_gradients_that_are_wanted_are_made(operators_there, place, wanted):
-    tensors = [t.to(place) for t in plane_tensors(2 * numbers(30, 3, seed=0) - 1, 16)]
-    leaf = tensors[wanted].requires_grad_()
-    found, expected = (
-        torch.autograd.grad(product(operators, tensors)[0].square().sum(), leaf)[0]
-        for operators in (operators_there, Operators())
-    )
-    torch.testing.assert_close(found, expected)
-
-
-def test_tensors_that_are_not_contiguous_are_taken_too(operators_there, place):
-    plain = plane_tensors(2 * numbers(30, 3, seed=0) - 1, 16)
-    turned = [t.transpose(0, 1).contiguous().transpose(0, 1) for t in plain]
-    found = product(operators_there, [t.to(place) for t in turned])[0]
-    torch.testing.assert_close(found.cpu(), product(Operators(), plain)[0])
-
-
 def counted() -> tuple[CudaOperators, CountedLauncher]:
     """Operators on the emulation, and what they launch."""
     launcher = CountedLauncher()
@@ -123,33 +104,3 @@ def test_derivatives_carried_forward_are_left_to_torch():
         with pytest.raises(RuntimeError):  # Torch's own interpolation has none either.
             product(operators, tensors)
     assert launcher.launches == []
-
-
-def test_deterministic_algorithms_are_those_of_torch():
-    operators, launcher = counted()
-    tensors = plane_tensors(numbers(4, 3, seed=0), 4)
-    with deterministic(torch.device("cpu")):
-        found = product(operators, tensors)[0]
-    assert torch.equal(found, product(Operators(), tensors)[0])
-    assert launcher.launches == []
-
-
-def test_a_second_derivative_is_refused_as_torch_does(operators_of):
-    tensors = [tensor.requires_grad_() for tensor in plane_tensors(numbers(4, 3, seed=0), 4)]
-    for kind in (operators_of(0), Operators()):
-        total = product(kind, tensors)[0].square().sum()
-        (gradient,) = torch.autograd.grad(total, tensors[0], create_graph=True)
-        with pytest.raises(RuntimeError, match="differentiate twice"):
-            gradient.sum().backward()
-
-
-def test_any_order_of_threads_gives_the_same_sums_but_for_rounding(operators_of):
-    tensors = plane_tensors(2 * numbers(60, 3, seed=0) - 1, 8)
-    first, *others = (
-        gradients(product, operators_of(seed), tensors, torch.device("cpu")) for seed in (0, 1, 2)
-    )
-    for other in others:
-        assert torch.equal(first[0], other[0]), "features"
-        assert torch.equal(first[1], other[1]), "gradients of places"
-        for one, two in zip(first[2:], other[2:], strict=True):
-            torch.testing.assert_close(one, two, rtol=1e-12, atol=1e-12)

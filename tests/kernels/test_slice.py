@@ -7,7 +7,6 @@ import torch
 from support.calls import Calls, CountedLauncher
 from support.field_tensors import agree, gradients, quaternions_and_scales, sliced
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from gsfw.core.operators import Operators
 from gsfw.kernels.cuda.operators import CudaOperators
@@ -98,34 +97,6 @@ def test_slices_and_their_gradients_take_a_launch_each():
         (covariances.sum() + variances.sum()).backward()
     assert calls.launches == ["slice<float>", "slice_backward<float>"]
     assert all(tensor.grad.any() for tensor in tensors)
-
-
-def test_tensors_that_are_not_contiguous_are_taken_too(operators_there, place):
-    tensors = [tensor.T.contiguous().T for tensor in quaternions_and_scales(9, torch.float64)]
-    found = sliced(operators_there, [t.to(place) for t in tensors])
-    for one, other in zip(found, sliced(Operators(), tensors), strict=True):
-        torch.testing.assert_close(one.cpu(), other)
-
-
-def test_second_derivatives_come_from_torch(operators_of):
-    left, right, logs = quaternions_and_scales(5, torch.float64)
-    right.requires_grad_()
-    second = []
-    for kind in (operators_of(0), Operators()):
-        total = sum(part.square().sum() for part in sliced(kind, [left, right, logs]))
-        (gradient,) = torch.autograd.grad(total, right, create_graph=True)
-        second.append(torch.autograd.grad(gradient.square().sum(), right)[0])
-    torch.testing.assert_close(*second)
-
-
-@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
-def test_derivatives_carried_forward_come_from_torch(operators_of):
-    left, right, logs = quaternions_and_scales(5, torch.float64)
-    with forward_ad.dual_level():
-        dual = forward_ad.make_dual(left, torch.ones_like(left))
-        assert forward_ad.unpack_dual(
-            operators_of(0).slices(dual, right, logs.exp())[0]
-        ).tangent.any()
 
 
 @pytest.mark.parametrize(

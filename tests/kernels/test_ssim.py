@@ -8,7 +8,6 @@ import torch
 from support.losses import images, losses_and_gradients, relative_error
 from support.states import assert_same_bits
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from gsfw.core.maths.ssim import C1, C2, SIGMA, WINDOW
 from gsfw.core.operators import Operators
@@ -132,14 +131,6 @@ def test_images_that_are_not_contiguous_are_taken_too(operators):
     assert [value.item() for value in found] == pytest.approx([value.item() for value in expected])
 
 
-def test_backward_may_run_twice(operators):
-    rendered, target, valid = images((1, 20, 24, 3), torch.float32)
-    l1, dssim = operators.l1_dssim(rendered, target, valid)
-    (first,) = torch.autograd.grad(l1 + dssim, rendered, retain_graph=True)
-    (second,) = torch.autograd.grad(l1 + dssim, rendered)
-    assert torch.equal(first, second)
-
-
 def test_second_derivatives_come_from_torch(operators):
     rendered, target, _ = images((1, 6, 6, 1), torch.float64)
 
@@ -149,15 +140,6 @@ def test_second_derivatives_come_from_torch(operators):
         return torch.autograd.grad(gradient.square().sum(), rendered)[0]
 
     assert relative_error(curvature(operators), curvature(Operators())) < 1e-12
-
-
-@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
-def test_derivatives_carried_forward_come_from_torch(operators):
-    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
-    with forward_ad.dual_level():
-        dual = forward_ad.make_dual(rendered.detach(), torch.ones_like(target))
-        _, dssim = operators.l1_dssim(dual, target)
-        assert forward_ad.unpack_dual(dssim).tangent is not None
 
 
 def test_a_target_that_needs_a_gradient_gets_it(operators):

@@ -67,6 +67,16 @@ def sliced(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
     return tuple(operators.slices(*tensors[:2], tensors[2].exp()))
 
 
+def variation(axes: tuple[int, ...], order: int) -> Function:
+    """Squared differences of a grid along some axes."""
+    return lambda operators, tensors: (operators.squared_differences(*tensors, axes, order, 0.3),)
+
+
+def distance(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor]:
+    """Mean distance of a grid from a value."""
+    return (operators.mean_distance(tensors[0], 0.5, 0.7),)
+
+
 def gradients(
     function: Function,
     operators: Operators,
