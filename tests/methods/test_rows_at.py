@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.gaussians import toy_scene
 
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.operators import Operators
-from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh
 from gsfw.core.table import SplatTable
 from gsfw.plugins.registry import installed
@@ -36,10 +36,7 @@ def model_of(name: str):
     typed = {"method": name, **METHODS[name]}
     config = resolve(installed(), [Layer(COMMAND_LINE, typed)]).config
     generator = torch.Generator().manual_seed(0)
-    points, colors = torch.rand(2, 12, 3, generator=generator)
-    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
-    times = 0 if name == "3dgs" else 5
-    scene = Scene("toy", points, colors, centers, 2.0, num_times=times)
+    scene = toy_scene(12, num_times=0 if name == "3dgs" else 5)
     model = config.build().build_model(scene, Operators(), generator, None)
     with torch.no_grad():
         for group in model.parameter_groups():

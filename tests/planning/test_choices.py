@@ -13,7 +13,7 @@ from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, Settings, resolve
 
-SCENE = replace(toy_scene(3), camera_centers=torch.arange(180.0).view(60, 3))
+SCENE = toy_scene(3, camera_centers=torch.arange(180.0).view(60, 3))
 METHODS = ("3dgs", "4dgs", "4d-rotor", "spacetime", "dynamic3dgs")
 
 

@@ -359,7 +359,7 @@ def test_radii_are_gathered_after_the_last_round_where_rows_are_pruned_by_them()
 
 
 def test_rows_that_are_there_for_less_than_some_times_of_the_capture_are_pruned():
-    scene = replace(toy_scene(), num_times=21)
+    scene = toy_scene(num_times=21)
     model = fleeting([0.04, 0.05, 1.0])  # 0.84, 1.05 and 21 times.
     adc = StrategyRun(replace(SETTINGS, prune_lifetime=1.0), scene)
     counts, _ = refined(adc, model, [LOW] * 3)

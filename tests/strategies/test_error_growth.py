@@ -28,7 +28,7 @@ LEFT_WRONG, RIGHT_TOO = [0.4] * 2 + [0.0] * 4, [0.4] * 2 + [0.0] * 2 + [0.9] * 2
 
 
 def strategy(pixels=6, **changes):
-    scene = replace(toy_scene(), view_pixels=pixels)
+    scene = toy_scene(view_pixels=pixels)
     return StrategyRun(replace(SETTINGS, **changes), scene)
 
 

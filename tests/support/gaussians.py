@@ -1,5 +1,7 @@
 """Small trainable Gaussians, for tests of methods, strategies and the loop."""
 
+from dataclasses import replace
+
 import torch
 
 from gsfw.core.batch import Batch
@@ -18,9 +20,10 @@ from support.scenes import front_camera, random_splats
 EXTENT = 2.0
 
 
-def toy_scene(num_points: int = 0) -> Scene:
+def toy_scene(num_points: int = 0, **options) -> Scene:
     points = torch.rand(num_points, 3, generator=torch.Generator().manual_seed(0))
-    return Scene("toy", points, points.clone(), torch.zeros(2, 3), EXTENT)
+    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
+    return replace(Scene("toy", points, points.clone(), centers, EXTENT), **options)
 
 
 def gaussians(n: int = 20, degree: int = 1, seed: int = 0) -> StaticGaussians:

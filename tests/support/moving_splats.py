@@ -8,15 +8,13 @@ from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.methods.spacetime.model import SpacetimeGaussians
+from support.gaussians import toy_scene
 from support.scenes import random_splats
 
 
 def moving_scene(num_points: int = 30, **options) -> Scene:
-    generator = torch.Generator().manual_seed(0)
-    points = torch.rand(num_points, 3, generator=generator)
-    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
-    scene = Scene("toy", points, points.clone(), centers, 2.0, num_times=11)
-    return replace(scene, **options)
+    """A capture of 11 times."""
+    return replace(toy_scene(num_points, time_range=(0.0, 1.0), num_times=11), **options)
 
 
 def spacetime(

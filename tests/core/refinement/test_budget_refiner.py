@@ -26,7 +26,7 @@ CONTRIBUTION = frozenset({Statistic.CONTRIBUTION})
 STRATEGIES = pytest.mark.parametrize(
     "config", [SETTINGS, ErrorGrowthConfig(refine_stop=40), McmcConfig(refine_stop=40)]
 )
-ONE_VIEW = replace(toy_scene(), camera_centers=torch.zeros(1, 3))
+ONE_VIEW = toy_scene(camera_centers=torch.zeros(1, 3))
 
 
 def control(config: StrategyConfig = SETTINGS, scene=ONE_VIEW, stop=40, **changes) -> Budget:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.gaussians import no_contributions, no_views
+from support.gaussians import no_contributions, no_views, toy_scene
 from support.scenes import front_camera, random_splats
 from torch import Tensor
 
@@ -20,17 +20,10 @@ from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 
 
-def scene(num_points: int = 30, **options) -> Scene:
-    generator = torch.Generator().manual_seed(0)
-    points = torch.rand(num_points, 3, generator=generator)
-    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
-    return replace(Scene("toy", points, points.clone(), centers, 2.0), **options)
-
-
 def model_of(config: StaticGaussiansConfig, capture: Scene | None = None, initial=None):
     method = config.build()
     seeded = torch.Generator().manual_seed(config.seed)
-    return method, method.build_model(capture or scene(), Operators(), seeded, initial)
+    return method, method.build_model(capture or toy_scene(30), Operators(), seeded, initial)
 
 
 def test_the_defaults_are_those_of_the_paper():
@@ -56,7 +49,7 @@ def test_a_start_without_points_is_refused():
 
 
 def test_a_capture_that_moves_is_refused_with_advice():
-    moving = scene(num_times=12, time_range=(0.0, 1.0))
+    moving = toy_scene(num_times=12, time_range=(0.0, 1.0))
     with pytest.raises(ConfigError) as caught:
         StaticGaussiansConfig().build().check_scene(moving)
     assert str(caught.value) == (
@@ -74,23 +67,13 @@ def test_a_capture_that_moves_is_refused_with_advice():
 
 
 def test_a_method_that_is_made_from_settings_alone_heeds_ignore_time():
-    moving = scene(num_times=12, time_range=(0.0, 1.0))
+    moving = toy_scene(num_times=12, time_range=(0.0, 1.0))
     StaticGaussiansMethod(StaticGaussiansConfig(ignore_time=True)).check_scene(moving)
-
-
-def test_points_that_are_not_there_cannot_be_asked_for():
-    with pytest.raises(ConfigError) as caught:
-        StaticGaussiansConfig(init="points").build().check_scene(scene(0))
-    assert str(caught.value) == (
-        "init=points: 'toy' brings 0 points, and none that can be used.\n"
-        "Use init=dense, init=random, or give a splat file: init=FILE."
-    )
-    StaticGaussiansConfig(init="points").build().check_scene(scene(3))
 
 
 @pytest.mark.parametrize(("init", "why"), [("auto", "there are no points"), ("random", "init=ran")])
 def test_a_random_start_says_what_it_costs(init, why):
-    capture = scene(0 if init == "auto" else 30)
+    capture = toy_scene(0 if init == "auto" else 30)
     config = StaticGaussiansConfig(init=init, random_points=500)
     method, model = model_of(config, capture)
     (note,) = method.notes(capture)
@@ -101,7 +84,7 @@ def test_a_random_start_says_what_it_costs(init, why):
 
 
 def test_a_random_start_follows_the_size_of_the_views():
-    capture = replace(scene(0), view_pixels=200 * 200)
+    capture = replace(toy_scene(0), view_pixels=200 * 200)
     method, model = model_of(StaticGaussiansConfig(), capture)
     assert model.num_rows == 10_000
     assert method.notes(capture)[0].startswith("Starting from 10,000 random splats")
@@ -109,7 +92,7 @@ def test_a_random_start_follows_the_size_of_the_views():
 
 def test_a_region_that_the_cameras_do_not_show_is_mentioned():
     config = StaticGaussiansConfig(random_points=10, random_region="object")
-    notes = config.build().notes(scene(0))
+    notes = config.build().notes(toy_scene(0))
     assert notes[1] == (
         "random_region=object: the cameras neither stand on a sphere nor look at one point; splats "
         "start among the cameras."
@@ -119,7 +102,7 @@ def test_a_region_that_the_cameras_do_not_show_is_mentioned():
 def test_points_that_were_left_out_are_mentioned():
     points = torch.rand(8, 3)
     points[3], points[5] = points[0], torch.nan
-    capture = scene(points=points, point_colors=torch.rand(8, 3))
+    capture = toy_scene(points=points, point_colors=torch.rand(8, 3))
     method, model = model_of(StaticGaussiansConfig(), capture)
     assert method.notes(capture) == (
         "Left out 1 initial points: not finite.",
@@ -132,7 +115,7 @@ def test_a_file_is_started_from_at_its_own_degree():
     config = StaticGaussiansConfig(init="somewhere.ply")
     method, model = model_of(config, initial=random_splats(7, degree=2))
     assert model.num_rows == 7
-    assert method.notes(scene()) == ()
+    assert method.notes(toy_scene(30)) == ()
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
     method.prepare(0, model, optimizer, None)
     assert model.active_degree == 2

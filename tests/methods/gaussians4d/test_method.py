@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.moving_splats import moving_scene
 from support.scenes import random_splats
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
-from gsfw.core.scene import Scene
 from gsfw.core.step_settings import step_settings
 from gsfw.methods.gaussians4d.config import (
     DeformationConfig,
@@ -20,14 +20,6 @@ from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
 from gsfw.strategies.adc import AdcConfig
 
-
-def scene(num_points: int = 20, **options) -> Scene:
-    points = torch.rand(num_points, 3, generator=torch.Generator().manual_seed(0))
-    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
-    moving = Scene("toy", points, points.clone(), centers, 2.0, time_range=(0.0, 9.0), num_times=6)
-    return replace(moving, **options)
-
-
 TINY = DeformationConfig(
     hexplane=HexPlaneConfig(channels=2, resolution=2, width=4),
     hash=HashConfig(levels=1, coarsest=128, finest=128, log2_rows=4, width=4),
@@ -37,7 +29,7 @@ TINY = DeformationConfig(
 def time_cells(config: DeformationConfig, **capture) -> int:
     """Cells along time of the encoder that is built for a capture."""
     generator = torch.Generator().manual_seed(0)
-    model = config.build().build_model(scene(**capture), Operators(), generator, None)
+    model = config.build().build_model(moving_scene(**capture), Operators(), generator, None)
     encoder = model.field.encoder
     if config.encoder == "hexplane":
         (cells,) = {len(plane) for plane in encoder.time}
@@ -49,7 +41,7 @@ def time_cells(config: DeformationConfig, **capture) -> int:
 def build(config: DeformationConfig, initial=None):
     method = config.build()
     seeded = torch.Generator().manual_seed(config.seed)
-    return method, method.build_model(scene(), Operators(), seeded, initial)
+    return method, method.build_model(moving_scene(), Operators(), seeded, initial)
 
 
 def test_the_defaults_have_the_schedule_of_the_paper_and_the_changes_of_captured_scenes():
@@ -143,19 +135,11 @@ def test_an_unknown_encoder_is_refused_by_name():
     assert "encoder=planes: expected one of hexplane, mlp, hash" in str(caught.value)
 
 
-def test_points_that_are_not_there_cannot_be_asked_for():
-    with pytest.raises(ConfigError) as caught:
-        DeformationConfig(init="points").build().check_scene(scene(0))
-    assert caught.value.message == (
-        "init=points: 'toy' brings 0 points, and none that can be used."
-    )
-
-
 def test_notes_say_what_a_random_start_costs_and_nothing_of_time():
     method = DeformationConfig(init="random", random_points=50).build()
-    (note,) = method.notes(scene())
+    (note,) = method.notes(moving_scene())
     assert note.startswith("Starting from 50 random splats")
-    assert DeformationConfig().build().notes(scene()) == ()
+    assert DeformationConfig().build().notes(moving_scene()) == ()
 
 
 def test_the_field_comes_in_after_the_coarse_steps():

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.moving_splats import moving_scene
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
-from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh
 from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.model import MAX_LOG_SCALE
@@ -36,9 +36,7 @@ TIME = torch.tensor(0.3)
 def gaussians(encoder: str = "hexplane", trained: bool = False, **options) -> DeformedGaussians:
     """A model before its first step, or one whose every parameter has moved."""
     generator = torch.Generator().manual_seed(0)
-    points, colors = torch.rand(2, 12, 3, generator=generator)
-    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
-    scene = Scene("toy", points, colors, centers, 2.0, time_range=(0.0, 1.0), num_times=5)
+    scene = moving_scene(12, num_times=5)
     config = replace(SMALL, encoder=encoder, **options)
     model = config.build().build_model(scene, Operators(), generator, None)
     assert isinstance(model, DeformedGaussians)

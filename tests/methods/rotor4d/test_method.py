@@ -1,13 +1,11 @@
 """Method 4d-rotor: its settings, what it refuses, and where and when Gaussians start."""
 
-from dataclasses import replace
-
 import pytest
 import torch
+from support.moving_splats import moving_scene
 from support.scenes import random_splats
 
 from gsfw.core.capabilities import Feature
-from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
@@ -18,20 +16,11 @@ from gsfw.methods.rotor4d.method import min_duration
 from gsfw.methods.rotor4d.model import SlicedGaussians
 
 
-def scene(num_points: int = 30, **options) -> Scene:
-    """A capture of 11 times."""
-    generator = torch.Generator().manual_seed(0)
-    points = torch.rand(num_points, 3, generator=generator)
-    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
-    moving = Scene("toy", points, points.clone(), centers, 2.0, time_range=(0.0, 1.0), num_times=11)
-    return replace(moving, **options)
-
-
 def model_of(
     config: SlicedGaussiansConfig, capture: Scene | None = None, initial: Splats | None = None
 ) -> SlicedGaussians:
     seeded = torch.Generator().manual_seed(config.seed)
-    model = config.build().build_model(capture or scene(), Operators(), seeded, initial)
+    model = config.build().build_model(capture or moving_scene(), Operators(), seeded, initial)
     assert isinstance(model, SlicedGaussians)
     return model
 
@@ -49,22 +38,17 @@ def test_rates_are_those_of_static_gaussians_and_of_time():
     assert Feature.COVARIANCES in SlicedGaussiansConfig().needs().features
 
 
-def test_points_that_are_not_there_cannot_be_asked_for():
-    with pytest.raises(ConfigError, match="init=points: 'toy' brings 0 points"):
-        SlicedGaussiansConfig(init="points").build().check_scene(scene(0))
-
-
 def test_notes_do_not_say_that_time_is_ignored():
     method = SlicedGaussiansConfig().build()
-    assert method.notes(scene()) == ()
-    assert "Starting from 100,000 random splats" in method.notes(scene(0))[0]
+    assert method.notes(moving_scene()) == ()
+    assert "Starting from 100,000 random splats" in method.notes(moving_scene(0))[0]
 
 
 def test_points_start_when_they_were_seen():
     points = torch.rand(8, 3)
     points[3] = points[0]
     times = torch.arange(8) / 7
-    capture = scene(points=points, point_colors=torch.rand(8, 3), point_times=times)
+    capture = moving_scene(points=points, point_colors=torch.rand(8, 3), point_times=times)
     centers = model_of(SlicedGaussiansConfig(), capture).time_centers.values
     assert torch.equal(centers.detach(), times[torch.tensor([0, 1, 2, 4, 5, 6, 7])])
 
@@ -73,7 +57,7 @@ def test_points_start_when_they_were_seen():
     "settings", [{}, {"init": "random", "random_points": 30}], ids=["points", "random"]
 )
 def test_other_starts_are_spread_over_the_sequence(settings):
-    capture = scene(point_times=torch.full((30,), 0.5)) if settings else scene()
+    capture = moving_scene(point_times=torch.full((30,), 0.5)) if settings else moving_scene()
     model = model_of(SlicedGaussiansConfig(init_duration=0.3, **settings), capture)
     centers = model.time_centers.values.detach()
     assert float(centers.min()) < 0.2
@@ -110,5 +94,5 @@ def test_the_degree_grows_with_the_step():
 
 
 def test_the_shortest_life_is_half_the_time_between_images():
-    assert min_duration(scene()) == 0.05
-    assert min_duration(scene(num_times=2)) == 0.5
+    assert min_duration(moving_scene()) == 0.05
+    assert min_duration(moving_scene(num_times=2)) == 0.5

@@ -6,7 +6,6 @@ from support.moving_splats import moving_scene
 from support.refining import refine
 from support.scenes import random_splats
 
-from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.table import SplatTable
@@ -25,11 +24,6 @@ def start(scene=None, initial=None, **settings):
 
 def values(model, name: str) -> torch.Tensor:
     return model.columns()[name].values.detach()
-
-
-def test_points_that_are_not_there_cannot_be_asked_for():
-    with pytest.raises(ConfigError, match="init=points: 'toy' brings 0 points"):
-        SpacetimeConfig(init="points").build().check_scene(moving_scene(0))
 
 
 def test_a_random_start_says_so():
