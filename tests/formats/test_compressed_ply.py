@@ -129,16 +129,9 @@ def test_opacities_and_scales_at_their_ends_are_kept(tmp_path):
     assert again.scales[:, 0].log().tolist() == pytest.approx([-20, 0, 20], abs=0.01)
 
 
-def test_bands_above_degree_3_are_left_out_and_no_splats_are_refused(tmp_path):
-    given_ = spread_splats(20, 4)
-    again = read(write(tmp_path / "a.compressed.ply", given_)).splats
+def test_bands_above_degree_3_are_left_out(tmp_path):
+    again = read(write(tmp_path / "a.compressed.ply", spread_splats(20, 4))).splats
     assert again.colors.degree == 3
-    with pytest.raises(ValueError, match="there are no splats to write"):
-        write(tmp_path / "b.compressed.ply", spread_splats(0, 0))
-    broken = replace(given_, means=given_.means.index_fill(0, torch.tensor([7]), torch.nan))
-    with pytest.raises(ValueError, match="means: row 7 is nan, nan, nan, which a file cannot hold"):
-        write(tmp_path / "b.compressed.ply", broken)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.compressed.ply"]
 
 
 def test_files_of_supersplat_are_read_and_written_again_in_their_layout(shared_data, tmp_path):

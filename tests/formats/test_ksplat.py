@@ -1,6 +1,5 @@
 """KSPLAT: all levels are read, levels 0 and 1 are written, and damage is one error."""
 
-import math
 import struct
 import subprocess
 import tempfile
@@ -214,13 +213,6 @@ def test_only_levels_0_and_1_are_written():
 
 def test_splats_that_cannot_be_stored_are_refused_and_nothing_is_written(tmp_path):
     splats = trained_splats(5, 1)
-    with pytest.raises(ValueError, match=r"^there are no splats to write$"):
-        write(tmp_path / "a.ksplat", splats.take(torch.arange(0)))
-    means = splats.means.clone()
-    means[3, 1] = math.nan
-    for level in (0, 1):
-        with pytest.raises(ValueError, match=r"means: row 3 is .*nan.*, which a file cannot hold"):
-            write(tmp_path / "a.ksplat", replace(splats, means=means), level)
     large = replace(splats, scales=splats.scales + 1e5)
     with pytest.raises(ValueError, match=r"scales: the largest is 100000, and float16 ends at"):
         write(tmp_path / "a.ksplat", large)

@@ -222,12 +222,6 @@ def test_bands_above_degree_3_are_left_out(tmp_path):
     assert read(path).splats.colors.degree == 3
 
 
-def test_no_splats_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="there are no splats"):
-        write(tmp_path / "a.sog", splats(0))
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_version_1_is_read(tmp_path):
     meta, texels = legacy(tmp_path / "old", range(50))
     content = read(tmp_path / "old" / "meta.json")

@@ -377,23 +377,10 @@ def test_a_zstandard_bomb_is_refused(tmp_path):
     tracemalloc.stop()
 
 
-def test_splats_that_cannot_be_stored_are_refused_and_nothing_is_written(tmp_path):
-    given = trained_splats(5, 1)
-    with pytest.raises(ValueError, match=r"^there are no splats to write$"):
-        write(tmp_path / "a.spz", given.take(torch.arange(0)))
-    for field, column in (("means", 1), ("scales", 2), ("quats", 0)):
-        values = getattr(given, field).clone()
-        values[3, column] = math.nan
-        with pytest.raises(ValueError, match=rf"{field}: row 3 is .*nan.*, which a file cannot"):
-            write(tmp_path / "a.spz", replace(given, **{field: values}))
-    colors = given.colors.coefficients.clone()
-    colors[2, 3, 1] = math.nan
-    with pytest.raises(ValueError, match="colors: row 2 is"):
-        write(tmp_path / "a.spz", replace(given, colors=Sh(colors, 1)))
-    assert list(tmp_path.iterdir()) == []
+def test_a_place_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="cannot be written"):
-        write(tmp_path / "file" / "a.spz", given)
+        write(tmp_path / "file" / "a.spz", trained_splats(5, 1))
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Values that formats store: parts, mirrored frames, activation."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import torch
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.rotations import unit_matrices
 from gsfw.core.maths.similarity import Similarity
+from gsfw.core.splats import Sh
 from gsfw.formats.morton_order import morton_order
 from gsfw.formats.smallest_three import from_smallest_three, smallest_three
 from gsfw.formats.stored_rows import (
@@ -61,6 +63,37 @@ def test_no_format_writes_a_file_of_no_splats(tmp_path, name):
     with pytest.raises(ValueError, match="there are no splats"):
         exporter.write(path, replace(splat_file(), splats=none))
     assert not path.exists()
+
+
+@pytest.mark.parametrize("name", sorted(set(SPLAT_FORMATS) - {"splatv", "html"}))
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *((field, math.nan) for field in ("means", "scales", "quats", "opacities", "colors")),
+        ("scales", math.inf),
+        ("scales", -1.0),
+        ("opacities", -0.1),
+        ("opacities", 1.5),
+    ],
+)
+def test_no_format_writes_values_that_a_file_cannot_hold(tmp_path, name, field, value):
+    """Format splatv has bounds of its own, and html leaves out what cannot be seen."""
+    exporter, splats = make_exporter(name, installed()), splat_file(5, 1).splats
+    values = splats.tensors()[field].clone()
+    values[3].view(-1)[-1] = value
+    broken = replace(splats, **{field: Sh(values, 1) if field == "colors" else values})
+    path = tmp_path / f"a{exporter.suffix}"
+    message = rf"^{field}: row 3 is .*{value:g}, which a file cannot hold \(1 such rows\)$"
+    with pytest.raises(ValueError, match=message):
+        exporter.write(path, replace(splat_file(), splats=broken))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_beyond_float32_are_refused():
+    splats = random_splats(5, 0, dtype=torch.float64)
+    splats.means[0, 2] = 1e39
+    with pytest.raises(ValueError, match=r"means: row 0 is .*, 1e\+39, which a file cannot hold"):
+        whole(splats)
 
 
 def test_stored_values_are_activated_to_the_same_splats():
