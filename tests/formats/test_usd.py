@@ -139,7 +139,7 @@ def test_georeferenced_positions_keep_their_precision(tmp_path, up):
     UsdExporter().write(tmp_path / "a.usdc", SplatFile(far, up=up))
     found = UsdImporter().read(tmp_path / "a.usdc").splats
     assert torch.allclose(found.means, far.means, rtol=0, atol=1e-5)
-    stage, field = opened(tmp_path / "a.usdc")
+    _stage, field = opened(tmp_path / "a.usdc")
     assert float(values(field, "positions").abs().max()) < 20
     UsdExporter().write(tmp_path / "near.usdc", SplatFile(given, up=up))
     _stage, field = opened(tmp_path / "near.usdc")
