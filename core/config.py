@@ -237,7 +237,7 @@ class MethodConfig(ABC):
     steps: int = number(30_000, at_least=1)
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     minutes: float = number(0.0, at_least=0, below=math.inf)
-    """Minutes of gsfw train from start to end, in which the run plans its steps. Default: no limit."""
+    """Minutes of gsfw train from start to end, in which the run plans its steps; default: any."""
     until: str = ""
     """End at this PSNR in dB of training views set aside; auto: when more steps gain little."""
     held_back: int = number(0, at_least=0)
