@@ -54,6 +54,8 @@ WITHOUT_FILES = {"synthetic"}
 """Data managers that read none."""
 WRITING = {"run folder", "notes of a preparation", "frames of a film", "events"}
 """Readers that also write."""
+SHARES = {MODELS: 15, "sog": 15, "gltf": 15, "usd": 1}
+"""Shares of the slower importers; a process of its own reads each file of USD."""
 DEEP, DEEPEST = 3, 9
 """Every third execution builds the cameras of a capture, every ninth decodes its images."""
 
@@ -149,7 +151,7 @@ def _importers(folder: Path) -> Iterator[Target]:
     folder.mkdir(parents=True, exist_ok=True)
     for name, reader in readers(folder).items():
         writers = [partial(_write_sound, reader, n) for n in range(len(reader.sound))]
-        share = 15 if name in (MODELS, "sog", "gltf") else 40
+        share = SHARES.get(name, 40)
         yield Target(f"splats {name}", partial(_read_splats, reader), writers, share, unsound)
 
 
