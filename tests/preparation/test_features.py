@@ -11,6 +11,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 from support import captured
+from support.watched_stages import WatchedStages
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 from gsfw.core.progress import shown_by
@@ -84,29 +85,6 @@ def assert_same(first: Path, second: Path) -> None:
     one, other = content(first), content(second)
     assert len(one) == len(other)
     assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-class Interrupting:
-    """Ctrl-C when so many images are done."""
-
-    def __init__(self, at: int) -> None:
-        self._at = at
-
-    def stage(self, name, total):
-        progress = self
-
-        class Stage:
-            def __enter__(self):
-                return progress.advance
-
-            def __exit__(self, *error):
-                return None
-
-        return Stage()
-
-    def advance(self, done: int) -> None:
-        if done == self._at:
-            raise KeyboardInterrupt
 
 
 GB = 1_000_000_000
@@ -267,7 +245,7 @@ def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn
     groups = captured.one_group(images)
     whole, part = tmp_path / "whole" / "d.db", tmp_path / "part" / "d.db"
     expected = extract_features(whole, images, groups, SETTINGS)
-    with pytest.raises(KeyboardInterrupt), shown_by(Interrupting(2).stage):
+    with pytest.raises(KeyboardInterrupt), shown_by(WatchedStages(2).show):
         extract_features(part, images, groups, SETTINGS)
     log = part.with_name("features.jsonl")
     assert len(log.read_text().splitlines()) == 2

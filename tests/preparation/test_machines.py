@@ -13,6 +13,7 @@ import pytest
 from support import captured
 from support.here_executor import EndedJob, HereExecutor
 from support.ray_cluster import cluster  # noqa: F401 - a fixture
+from support.watched_stages import WatchedStages
 
 from gsfw.core.errors import UnavailableError
 from gsfw.core.progress import shown_by
@@ -32,35 +33,6 @@ COUNT = 5
 BROKEN = "photo_003.png"
 SETTINGS = FeatureSettings(max_size=240, count=600, jobs=1)
 ONE = Resources(cpus=1.0, gpus=0.0)
-
-
-class Watched:
-    """Progress that is kept, and that something is done at."""
-
-    def __init__(self, at: int = -1, do=None) -> None:
-        self._at, self._do = at, do
-        self.done: list[int] = []
-
-    def stage(self, name, total):
-        watched = self
-
-        class Stage:
-            def __enter__(self):
-                return watched.advance
-
-            def __exit__(self, *error):
-                return None
-
-        return Stage()
-
-    def advance(self, done: int) -> None:
-        self.done.append(done)
-        if done == self._at:
-            self._do()
-
-
-def interrupt() -> None:
-    raise KeyboardInterrupt
 
 
 @pytest.fixture
@@ -122,8 +94,8 @@ def test_jobs_find_the_features_that_this_process_finds(
 ):
     monkeypatch.setattr(feature_search, "JOB_IMAGES", 2)
     groups = captured.one_group(images, 250.0)
-    watched = Watched()
-    with shown_by(watched.stage):
+    watched = WatchedStages()
+    with shown_by(watched.show):
         reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS, machines)
     assert rows(tmp_path / "d.db") == rows(found)
     assert reports == extract_features(found, images, groups, SETTINGS)
@@ -139,8 +111,8 @@ def test_jobs_match_and_verify_as_this_process_does(
 ):
     monkeypatch.setattr(matching, "JOB_PAIRS", 2)
     database = Path(shutil.copy(found, tmp_path / "d.db"))
-    watched = Watched()
-    with shown_by(watched.stage):
+    watched = WatchedStages()
+    with shown_by(watched.show):
         match_pairs(database, every_pair(images), 1, machines=machines)
     assert rows(database) == rows(matched)
     assert len(rows(database)["two_view_geometries"]) == 6
@@ -163,12 +135,12 @@ def test_what_is_there_is_not_done_again_after_an_interruption(
     monkeypatch.setattr(feature_search, "JOB_IMAGES", 1)
     monkeypatch.setattr(matching, "JOB_PAIRS", 1)
     groups, database = captured.one_group(images, 250.0), tmp_path / "d.db"
-    with pytest.raises(KeyboardInterrupt), shown_by(Watched(2, interrupt).stage):
+    with pytest.raises(KeyboardInterrupt), shown_by(WatchedStages(2).show):
         extract_features(database, images, groups, SETTINGS, machines)
     executor.jobs.clear()
     extract_features(database, images, groups, SETTINGS, machines)
     assert len(executor.jobs) == COUNT - 2
-    with pytest.raises(KeyboardInterrupt), shown_by(Watched(4, interrupt).stage):
+    with pytest.raises(KeyboardInterrupt), shown_by(WatchedStages(4).show):
         match_pairs(database, every_pair(images), 1, machines=machines)
     executor.jobs.clear()
     match_pairs(database, every_pair(images), 1, machines=machines)

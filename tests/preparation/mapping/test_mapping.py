@@ -1,8 +1,7 @@
 import _thread
 import json
 import sqlite3
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,10 @@ import pycolmap
 import pytest
 from support import captured
 from support.matched_captures import MatchedCapture, matched_capture, pose_errors
+from support.watched_stages import WatchedStages
 
 from gsfw.core.errors import DataError
-from gsfw.core.progress import Advance, shown_by
+from gsfw.core.progress import shown_by
 from gsfw.preparation.mapping.incremental_mapping import LEAST_POINTS, solid
 from gsfw.preparation.mapping.mapping import Mapping, continue_mapping, map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
@@ -22,26 +22,6 @@ pytestmark = pytest.mark.slow
 
 RULE = MappingRule()
 SHARED_DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-
-
-class Watched:
-    """Keeps what it is told; may press Ctrl-C when so many images are done."""
-
-    def __init__(self, interrupt_at: int | None = None) -> None:
-        self.interrupt_at = interrupt_at
-        self.stages: list[tuple[str, int]] = []
-        self.done: list[int] = []
-
-    @contextmanager
-    def stage(self, name: str, total: int) -> Iterator[Advance]:
-        self.stages.append((name, total))
-
-        def advance(done: int) -> None:
-            self.done.append(done)
-            if done == self.interrupt_at:
-                _thread.interrupt_main()
-
-        yield advance
 
 
 def poses(model: Path) -> dict[str, np.ndarray]:
@@ -81,8 +61,8 @@ def fox(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def test_all_images_get_their_poses_up_to_a_similarity(ten: MatchedCapture, tmp_path: Path) -> None:
-    watched = Watched()
-    with shown_by(watched.stage):
+    watched = WatchedStages()
+    with shown_by(watched.show):
         mapping = map_cameras(ten.database, tmp_path / "models", RULE)
     assert mapping.sizes == (10,)
     assert mapping.models == (tmp_path / "models" / "0",)
@@ -213,8 +193,8 @@ def test_ctrl_c_ends_mapping_and_the_next_run_gives_what_an_uninterrupted_one_do
     ten: MatchedCapture, tmp_path: Path
 ) -> None:
     whole = map_cameras(ten.database, tmp_path / "whole", RULE)
-    watched = Watched(interrupt_at=4)
-    with pytest.raises(KeyboardInterrupt), shown_by(watched.stage):
+    watched = WatchedStages(4, _thread.interrupt_main)
+    with pytest.raises(KeyboardInterrupt), shown_by(watched.show):
         map_cameras(ten.database, tmp_path / "models", RULE)
     assert list((tmp_path / "models").iterdir()) == []
     again = map_cameras(ten.database, tmp_path / "models", RULE)

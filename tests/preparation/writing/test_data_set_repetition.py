@@ -1,7 +1,6 @@
 """Data sets that are written again, interrupted, or refused by the disk."""
 
 import errno
-from contextlib import contextmanager
 
 import pytest
 from support.distorted_images import lens
@@ -10,6 +9,7 @@ from support.estimated_cameras import (
     estimate,
     photos,
 )
+from support.watched_stages import WatchedStages
 
 from gsfw.core.errors import OutputError
 from gsfw.core.progress import shown_by
@@ -28,27 +28,15 @@ def test_nothing_of_an_earlier_estimate_stays(tmp_path):
     assert not (tmp_path / "images/view_1.png").exists()
 
 
-class Interrupted:
-    """Somebody presses Ctrl-C after the second image."""
-
-    @contextmanager
-    def stage(self, name, total):
-        assert (name, total) == ("images", VIEWS)
-
-        def advance(done):
-            if done == 2:
-                raise KeyboardInterrupt
-
-        yield advance
-
-
 def test_an_interrupted_data_set_has_no_model_and_is_completed_later(tmp_path):
     taken, estimated = photos(tmp_path / "photos"), estimate(lens("OPENCV"))
     write_data_set(estimated, taken, tmp_path / "whole", OutputRule())
     out = tmp_path / "out"
     write_data_set(estimate(lens("SIMPLE_RADIAL")), taken, out, OutputRule())
-    with pytest.raises(KeyboardInterrupt), shown_by(Interrupted().stage):
+    watched = WatchedStages(2)
+    with pytest.raises(KeyboardInterrupt), shown_by(watched.show):
         write_data_set(estimated, taken, out, OutputRule())
+    assert watched.stages == [("images", VIEWS)]
     assert not (out / "sparse/0/cameras.bin").exists()
     assert len(list((out / "images").iterdir())) == 2
     write_data_set(estimated, taken, out, OutputRule())
