@@ -3,35 +3,12 @@
 from dataclasses import replace
 
 import torch
+from support.gaussian_models import COUNT, gaussians
 from support.stored_models import some_model
 
 from gsfw.core.column import Layout
-from gsfw.core.exchange import StoredColumn
 from gsfw.formats.compact.rounding import Rounding
 from gsfw.formats.model_file import ModelFileExporter, read_model_file
-
-COUNT = 200
-SHAPES = {
-    "means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": (),
-    "sh_dc": (1, 3), "sh_rest": (3, 3),
-}  # fmt: skip
-
-
-def gaussians(seed, *, ragged=False):
-    generator = torch.Generator().manual_seed(seed)
-    columns = {name: StoredColumn(Layout.DENSE, f"{name}.values") for name in SHAPES}
-    state = {
-        f"{name}.values": torch.randn(COUNT, *shape, generator=generator)
-        for name, shape in SHAPES.items()
-    }
-    state["log_scales.values"] -= 3
-    if ragged:
-        columns["motion"] = StoredColumn(Layout.RAGGED, "motion.values", "motion.offsets")
-        lengths = torch.arange(COUNT) % 3
-        state["motion.offsets"] = torch.cat([torch.zeros(1).long(), lengths.cumsum(0)])
-        state["motion.values"] = torch.randn(int(lengths.sum()), 3, generator=generator)
-        state["neighbors"] = torch.zeros(COUNT, dtype=torch.int64)  # Keeps the order of the rows.
-    return replace(some_model(), rows=COUNT, columns=columns, state=state)
 
 
 def moved(model):
@@ -53,7 +30,9 @@ def written(tmp_path, rounding, trained):
 
 
 def test_a_file_holds_the_values_that_were_trained_with(tmp_path):
-    start = gaussians(0, ragged=True)
+    motion = torch.randn(COUNT // 2, 3, generator=torch.Generator().manual_seed(1))
+    start = gaussians(motion=(Layout.RAGGED, motion))
+    start.state["neighbors"] = torch.zeros(COUNT, dtype=torch.int64)  # Keeps the order of rows.
     rounding, trained = Rounding.of(start, 2.0, None), moved(start)
     found = written(tmp_path, rounding, trained)
     for name, column in start.columns.items():
@@ -63,7 +42,7 @@ def test_a_file_holds_the_values_that_were_trained_with(tmp_path):
 
 
 def test_rotations_of_still_models_are_rounded_in_place_and_written_with_length_one(tmp_path):
-    start = gaussians(0)
+    start = gaussians()
     rounding, trained = Rounding.of(start, 2.0, None), moved(start)
     found = written(tmp_path, rounding, trained)
     before = trained.state["quats.values"]
@@ -79,7 +58,7 @@ def test_rotations_of_still_models_are_rounded_in_place_and_written_with_length_
 
 def test_columns_without_steps_are_not_rounded():
     values = torch.rand(COUNT, 2)
-    assert torch.equal(Rounding.of(gaussians(0), 2.0, None)("mine", values), values)
+    assert torch.equal(Rounding.of(gaussians(), 2.0, None)("mine", values), values)
 
 
 def test_models_without_sizes_have_no_rounding():
