@@ -6,6 +6,7 @@ import pytest
 import torch
 from support.scenes import random_splats
 
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.operators import Operators
 from gsfw.core.splats import Sh
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
@@ -27,20 +28,8 @@ def generator(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def rotation(quat):
-    """The matrix of one quaternion, by its sandwich product."""
-    w, x, y, z = (quat / quat.norm()).tolist()
-    return torch.tensor(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def covariance(model, row):
-    turn = rotation(model.quats.values[row].detach())
+    turn = rotation_matrices(model.quats.values[row].detach()[None])[0]
     scales = model.log_scales.values[row].detach().exp()
     return turn @ torch.diag(scales**2) @ turn.T
 

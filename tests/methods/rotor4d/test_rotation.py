@@ -5,6 +5,7 @@ import itertools
 import pytest
 import torch
 
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.maths.slices import normalised
 from gsfw.methods.rotor4d.rotation import Rotation
 from gsfw.methods.rotor4d.rotor import Rotor
@@ -70,17 +71,8 @@ def test_numbers_and_sides_are_inverse(form: Rotation):
 def test_a_rotation_of_space_leaves_time_as_it_is(form: Rotation):
     quats, _ = random_numbers(50)
     matrices = form.matrices(*form.of_space(3.0 * quats))
-    w, x, y, z = normalised(quats).T
     expected = torch.zeros(4, 4, 50, dtype=torch.float64)
-    expected[0, :3] = torch.stack(
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
-    )
-    expected[1, :3] = torch.stack(
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-    )
-    expected[2, :3] = torch.stack(
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
-    )
+    expected[:3, :3] = rotation_matrices(quats).permute(1, 2, 0)
     expected[3, 3] = 1.0
     torch.testing.assert_close(matrices, expected)
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths import slices
+from gsfw.core.maths.rotations import unit_matrices
 from gsfw.core.maths.slices import Conditional, conditional
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
@@ -71,13 +72,7 @@ def with_profile(**values: float) -> Callable[[Drawing, Draw], RenderOutput]:
 def no_normalisation(drawing: Drawing, draw: Draw) -> RenderOutput:
     """Rotation matrices of quaternions as they are."""
     splats = drawing.splats
-    w, x, y, z = splats.quats.unbind(1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
-    ]
-    axes = torch.stack(rows, dim=1) * splats.scales[:, None]
+    axes = unit_matrices(splats.quats) * splats.scales[:, None]
     made = replace(splats, quats=None, scales=None, covariances=axes @ axes.transpose(1, 2))
     return draw(replace(drawing, splats=made))
 
