@@ -22,17 +22,19 @@ MODEL_NUMBERS = {name: number for number, (name, _) in enumerate(CAMERA_MODELS)}
 
 @dataclass(frozen=True)
 class SmallCapture:
-    """Poses (world to camera, OpenCV axes), points and colours, and the images' names."""
+    """Poses (world to camera, OpenCV axes), points and colours, the images' names, and the lens."""
 
     poses: list[np.ndarray]
     points: np.ndarray
     names: list[str]
     colors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+    focal: tuple[float, float] = FOCAL
+    center: tuple[float, float] = CENTER
 
     def pixels(self, view: int, scale: float = 1.0) -> np.ndarray:
         """Where the points fall into an image, computed in float64 from the poses alone."""
         local = self.points @ self.poses[view][:3, :3].T + self.poses[view][:3, 3]
-        return scale * (np.array(FOCAL) * local[:, :2] / local[:, 2:] + np.array(CENTER))
+        return scale * (np.array(self.focal) * local[:, :2] / local[:, 2:] + np.array(self.center))
 
 
 def ring(views: int = 4, size: float = 1.0, origin=(0.0, 0.0, 0.0)) -> SmallCapture:
@@ -56,13 +58,7 @@ def ring(views: int = 4, size: float = 1.0, origin=(0.0, 0.0, 0.0)) -> SmallCapt
 
 def square(capture):
     """The same for programs that know one focal length."""
-
-    def pixels(view, scale=1.0):
-        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
-        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array(CENTER))
-
-    object.__setattr__(capture, "pixels", pixels)
-    return capture
+    return replace(capture, focal=(FOCAL[0], FOCAL[0]))
 
 
 def write_image(path: Path, width: int = WIDTH, height: int = HEIGHT, mode: str = "RGB") -> None:

@@ -1,20 +1,16 @@
 """A small capture as LLFF and Neural 3D Video have it: poses_bounds.npy, and images or videos."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from support.small_captures import FOCAL, HEIGHT, WIDTH, write_image
+from support.small_captures import FOCAL, HEIGHT, WIDTH, square, write_image
 from support.small_videos import write_video
 
 
 def centred(capture):
     """LLFF knows one focal length, and the principal point in the middle."""
-
-    def pixels(view, scale=1.0):
-        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
-        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array([WIDTH / 2, HEIGHT / 2]))
-
-    object.__setattr__(capture, "pixels", pixels)
-    return capture
+    return replace(square(capture), center=(WIDTH / 2, HEIGHT / 2))
 
 
 def write_poses(folder, capture, size=(HEIGHT, WIDTH)):

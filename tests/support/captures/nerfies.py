@@ -13,15 +13,7 @@ NAMES = [f"left1_{number:06d}" for number in range(5)]
 
 def capture():
     """The ring, seen with the lens of the camera files."""
-    made = replace(ring(5), names=NAMES)
-
-    def pixels(view, scale=1.0):
-        local = made.points @ made.poses[view][:3, :3].T + made.poses[view][:3, 3]
-        slopes = local[:, :2] / local[:, 2:]
-        return scale * (np.array([FOCAL, FOCAL * ASPECT]) * slopes + np.array(CENTER))
-
-    object.__setattr__(made, "pixels", pixels)
-    return made
+    return replace(ring(5), names=NAMES, focal=(FOCAL, FOCAL * ASPECT), center=CENTER)
 
 
 def write(folder, train=(0, 2, 4), held=(1, 3), scales=(1, 2), camera=(), **dataset):
