@@ -53,9 +53,9 @@ STRATEGIES = {
 }  # fmt: skip
 
 
-def camera(index: int, width: int = 32, height: int = 24) -> Cameras:
-    """One of eight cameras around the scene."""
-    angle = torch.tensor(index * torch.pi / 4)
+def camera(index: int, width: int = 32, height: int = 24, count: int = 8) -> Cameras:
+    """One of ``count`` cameras around the scene."""
+    angle = torch.tensor(index * 2 * torch.pi / count)
     turn = torch.eye(4)
     turn[0, 0], turn[0, 2], turn[2, 0], turn[2, 2] = (
         angle.cos(), angle.sin(), -angle.sin(), angle.cos(),

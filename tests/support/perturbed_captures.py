@@ -14,19 +14,15 @@ from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.loop.pose_refinement import common_motions, motion_matrices
 from gsfw.core.scene import Scene
 from support.gaussians import EXTENT
-from support.scenes import front_camera
+from support.memory_training import camera
 
 
-def around(index: int, width: int = 32, height: int = 24) -> Cameras:
+def around(index: int) -> Cameras:
     """One of twelve cameras around the scene, every other one higher."""
-    angle = torch.tensor(index * torch.pi / 6)
-    turn = torch.eye(4)
-    turn[0, 0], turn[0, 2], turn[2, 0], turn[2, 2] = (
-        angle.cos(), angle.sin(), -angle.sin(), angle.cos(),
-    )  # fmt: skip
-    turn[1, 3] = 0.3 * (index % 2)
-    front = front_camera(width, height)
-    return replace(front, world_to_camera=front.world_to_camera @ turn)
+    higher = torch.eye(4)
+    higher[1, 3] = 0.3 * (index % 2)
+    level = camera(index, count=12)
+    return replace(level, world_to_camera=level.world_to_camera @ higher)
 
 
 class FewViews(DataManager):
