@@ -1,6 +1,5 @@
 """Tests of package/gsfw/__init__.py, from which the build makes the package's own module."""
 
-import ast
 import re
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from support.public_surface import imports
 
 from gsfw.core.files.toml_text import parsed_toml
 
@@ -25,16 +25,6 @@ def package() -> ModuleType:
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def for_type_checkers() -> set[tuple[str, str]]:
-    """Module and name of each import that only type checkers see."""
-    return {
-        (node.module, alias.name)
-        for node in ast.walk(ast.parse(SOURCE.read_text()))
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gsfw.api.")
-        for alias in node.names
-    }
 
 
 def test_every_name_is_that_of_the_public_interface():
@@ -56,7 +46,7 @@ def test_the_help_of_the_package_has_every_name():
 
 def test_type_checkers_see_every_name():
     groups = package()._GROUPS
-    assert for_type_checkers() == {
+    assert set(imports(SOURCE).values()) == {
         (f"gsfw.api.{group}", name) for group, names in groups.items() for name in names
     }
     assert (ROOT / ".typing" / "gsfw" / "__init__.pyi").read_text() == SOURCE.read_text()

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from gsfw.core.operators import AdamMoments
+from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate, Operators
 
 
 def start(shape: tuple[int, ...], dtype: torch.dtype) -> tuple[Tensor, AdamMoments]:
@@ -18,3 +18,15 @@ def gradients(values: Tensor, steps: int) -> list[Tensor]:
         torch.randn(values.shape, dtype=values.dtype, generator=generator) * 10.0 ** (step - 3)
         for step in range(steps)
     ]
+
+
+def stepped(
+    operators: Operators, shape: tuple[int, ...], dtype: torch.dtype, named: bool
+) -> list[Tensor]:
+    """A table and its moments after two steps, of every second row if rows are named."""
+    values, moments = start(shape, dtype)
+    rows = torch.arange(0, shape[0], 2) if named else None
+    for gradient in gradients(values, 2):
+        update = AdamUpdate(values, gradient, moments, 0.01, rows)
+        operators.adam_([update], AdamSettings(), torch.tensor(True))
+    return [values, moments.first, moments.second]

@@ -2,7 +2,8 @@
 
 import pytest
 import torch
-from support.adam_tables import gradients, start
+from support.adam_tables import gradients, start, stepped
+from support.states import assert_same_bits
 
 from gsfw.core.operators import AdamSettings, AdamUpdate
 from gsfw.kernels.cpu.operators import CpuOperators
@@ -32,12 +33,6 @@ def test_any_number_of_threads_gives_the_same_bits(dtype, named, use_threads):
     results = []
     for threads in (1, 2, 5):
         use_threads(threads)
-        values, moments = start((20_000, 7), dtype)
-        rows = torch.arange(0, 20_000, 2) if named else None
-        for gradient in gradients(values, 2):
-            CpuOperators().adam_(
-                [AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES
-            )
-        results.append((values, moments.first, moments.second))
+        results.append(stepped(CpuOperators(), (20_000, 7), dtype, named))
     for other in results[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+        assert_same_bits(results[0], other)

@@ -2,8 +2,9 @@
 
 import pytest
 import torch
-from support.adam_tables import gradients, start
+from support.adam_tables import gradients, start, stepped
 from support.calls import Calls, CountedLauncher
+from support.states import assert_same_bits
 from torch import Tensor
 
 from gsfw.core.operators import AdamMoments, AdamSettings, AdamUpdate
@@ -14,17 +15,11 @@ YES = torch.tensor(True)
 
 @pytest.mark.parametrize("named", [False, True])
 def test_any_order_of_threads_gives_the_same_bits(operators_of, named):
-    results = []
-    for seed in (0, 1, 2):
-        values, moments = start((700, 7), torch.float32)
-        rows = torch.arange(0, 700, 2) if named else None
-        for gradient in gradients(values, 2):
-            operators_of(seed).adam_(
-                [AdamUpdate(values, gradient, moments, 0.01, rows)], AdamSettings(), YES
-            )
-        results.append((values, moments.first, moments.second))
-    for other in results[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+    first, *others = (
+        stepped(operators_of(seed), (700, 7), torch.float32, named) for seed in (0, 1, 2)
+    )
+    for other in others:
+        assert_same_bits(first, other)
 
 
 def updates_of_many(
