@@ -31,7 +31,6 @@ class UsdExporter(Exporter):
     other_suffixes = (".usda", ".usd", PACKAGE)
     most_sh_degree = 3
     holds = Holds.MOTION
-    levels = ({"half": True},)
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the file atomically; SH bands above degree 3 are left out.

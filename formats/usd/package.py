@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from gsfw.core.errors import COPY_AGAIN, DataError, UnavailableError
+from gsfw.core.files.atomic import disk_error
 from gsfw.core.files.reading import first_bytes
 from gsfw.formats.sog.container import DAMAGED_ZIP
 
@@ -66,6 +67,7 @@ def unpacked(path: Path) -> Iterator[Path]:
 
     Raises:
         DataError: the package is damaged, or has no stage.
+        OutputError: the disk of temporary files is full or fails.
     """
     if first_bytes(path, len(ZIP)) != ZIP:
         yield path
@@ -79,8 +81,9 @@ def unpacked(path: Path) -> Iterator[Path]:
                 if size > path.stat().st_size or any(item.compress_type for item in stages):
                     raise zipfile.BadZipFile
                 found = [Path(archive.extract(item, folder)) for item in stages]
-        except DAMAGED_ZIP:
-            raise DataError(f"{path} is a damaged package of USD.", COPY_AGAIN) from None
+        except DAMAGED_ZIP as error:
+            damage = DataError(f"{path} is a damaged package of USD.", COPY_AGAIN)
+            raise disk_error(error, Path(folder)) or damage from None
         if not found:
             raise DataError(
                 f"{path} contains no splats: there is no stage of USD in the package.",

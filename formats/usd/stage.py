@@ -140,7 +140,7 @@ class _Attribute:
             with np.errstate(over="ignore"):
                 array = array.astype(np.float16)
             if not np.isfinite(array).all():
-                raise ValueError(f"{self.name} are beyond floats of 16 bits; leave out half")
+                raise ValueError(f"{self.name} are beyond floats of 16 bits; leave out format.half")
         held = self.kind.FromNumpy(np.ascontiguousarray(array))
         if code is None:
             self.stored.Set(held)
