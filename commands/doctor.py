@@ -12,6 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from packaging.requirements import Requirement
 from packaging.version import Version
 
 from gsfw.commands.interface.arguments import Options, read_options
@@ -37,6 +38,8 @@ LIBRARIES = {
     "yaml": "PyYAML",
 }
 """Libraries that training imports, and the packages that have them."""
+FOR_DEVELOPERS = {"docs", "test"}
+"""Extras of this package that no verb needs."""
 WRITE_ACCESS = "write access"
 """The check of the folder that the command is given in."""
 
@@ -65,7 +68,7 @@ def run(tokens: list[str]) -> int:
     """Run all checks."""
     options = read_options("doctor", DoctorOptions, tokens)
     console = Console(options.json)
-    findings = [*_versions(), *_libraries(), _native(), _cuda(), *_self_tests()]
+    findings = [*_versions(), *_libraries(), _extras(), _native(), _cuda(), *_self_tests()]
     findings += [*_rasterizers(installed()), *_plugins(installed()), _write_access()]
     console.table(
         ["", "status", "details"],
@@ -117,6 +120,32 @@ def _libraries() -> Iterator[Finding]:
             yield Finding(name, "broken", advice)
         else:
             yield Finding(name, "ok", "")
+
+
+def _extras() -> Finding:
+    """The optional parts that are installed, and how to install the others."""
+    wanted = [Requirement(line) for line in metadata.requires(PROJECT) or ()]
+    names = set(metadata.metadata(PROJECT).get_all("Provides-Extra") or ()) - FOR_DEVELOPERS
+    missing = [name for name in sorted(names) if not all(map(_is_installed, _of(name, wanted)))]
+    found = ", ".join(sorted(names - set(missing))) or "none"
+    others = f"; not installed: {', '.join(missing)} (pip install 'gsfw[NAME]')" if missing else ""
+    return Finding("extras", "ok", f"{found}{others}")
+
+
+def _of(extra: str, wanted: Sequence[Requirement]) -> list[Requirement]:
+    """The requirements that an extra adds on this machine."""
+    return [
+        item
+        for item in wanted
+        if item.marker and item.marker.evaluate({"extra": extra}) and not item.marker.evaluate()
+    ]
+
+
+def _is_installed(wanted: Requirement) -> bool:
+    try:
+        return wanted.specifier.contains(metadata.version(wanted.name), prereleases=True)
+    except metadata.PackageNotFoundError:
+        return False
 
 
 def _native() -> Finding:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from importlib import metadata
 from types import SimpleNamespace
 
 import pytest
@@ -71,6 +72,23 @@ def test_a_library_that_does_not_load_is_installed_anew_by_the_name_of_its_packa
     status, details = findings(capsys)["PIL"]
     assert status == "broken"
     assert details.endswith("; pip install --force-reinstall Pillow")
+
+
+def test_optional_parts_are_listed_with_the_command_that_installs_them(capsys, monkeypatch):
+    version = metadata.version
+
+    def old(name):
+        if name == "av":
+            raise metadata.PackageNotFoundError(name)
+        return "1.0" if name == "usd-core" else version(name)
+
+    monkeypatch.setattr(metadata, "version", old)
+    assert main(["doctor", "json=true"]) == 0
+    status, details = findings(capsys)["extras"]
+    installed, _, missing = details.partition("; not installed: ")
+    assert status == "ok"
+    assert "viewer" in installed
+    assert missing.endswith("usd, video (pip install 'gsfw[NAME]')")
 
 
 def test_without_cuda_it_says_why(capsys, monkeypatch):
