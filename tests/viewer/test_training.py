@@ -228,21 +228,24 @@ def test_the_time_left_of_the_page_is_that_of_the_terminal(viewer, monkeypatch):
     assert live.seconds_left == pytest.approx(60 * 0.25, rel=0.1)
 
 
-def test_a_stop_from_elsewhere_ends_a_pause(viewer):
+def paused(viewer) -> Steps:
+    """A loop that waits after its first step."""
     steps = Steps(viewer)
     viewer._live.pause(True)
     steps.start()
     soon(lambda: steps.step == 1)
+    return steps
+
+
+def test_a_stop_from_elsewhere_ends_a_pause(viewer):
+    steps = paused(viewer)
     viewer.control.request_stop("interrupted by Ctrl-C")
     steps.join(20)
     assert not steps.is_alive()
 
 
 def test_a_stop_on_the_page_ends_the_run(viewer):
-    steps = Steps(viewer)
-    viewer._live.pause(True)
-    steps.start()
-    soon(lambda: steps.step == 1)
+    steps = paused(viewer)
     viewer._live.stop()
     steps.join(20)
     assert viewer.control.stop_reason == "stopped on the viewer's page"
@@ -250,10 +253,7 @@ def test_a_stop_on_the_page_ends_the_run(viewer):
 
 
 def test_a_checkpoint_of_a_paused_run_makes_no_step(viewer):
-    steps = Steps(viewer)
-    viewer._live.pause(True)
-    steps.start()
-    soon(lambda: steps.step == 1)
+    steps = paused(viewer)
     viewer._live.checkpoint()
     soon(lambda: steps.checkpoints == 1)
     time.sleep(0.1)
