@@ -11,26 +11,20 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.composed_runs import composed, trainer_drawn_by
 from support.sampling import sampled
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from gsfw.core.callback import RunInfo
 from gsfw.core.capabilities import Capabilities
-from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.loop.resolution import ResolutionSchedule
-from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth
-from gsfw.core.table import SplatTable
-from gsfw.plugins.compose import compose
-from gsfw.plugins.registry import installed
-from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 
 META = torch.device("meta")
 
@@ -119,39 +113,18 @@ class Constants(TorchFunctionMode):
 
 def trainer_on_meta(folder, *typed: str) -> Trainer:
     """A run on the built-in scene, as it would be composed for a GPU, before its second step."""
-    line = dict(item.split("=") for item in (*SCENE, *typed))
-    settings = resolve(
-        installed(),
-        [
-            Layer(
-                COMMAND_LINE, {"method": "3dgs", "steps": "100", "rasterizer": "reference", **line}
-            )
-        ],
-    )
-    composition = compose(settings, installed())
-    parts, plan = composition.parts, composition.plan
-    model = parts.model.to(META)
-    optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    parts = replace(
-        parts,
-        model=model,
-        optimizer=optimizer,
-        table=SplatTable(model, optimizer),
-        rasterizer=Smear(),
-        operators=Anywhere(),
-        device=META,
-    )
-    background = plan.settings.background.to(META)
+    found = composed(dict(item.split("=") for item in (*SCENE, *typed)))
+    background = found.plan.settings.background.to(META)
     plan = replace(
-        plan,
-        settings=replace(plan.settings, background=background),
+        found.plan,
+        settings=replace(found.plan.settings, background=background),
         log_every=1000,
         max_skipped=1000,
         resolution=ResolutionSchedule(((0, 1.5), (10, 1.0))),
     )
-    trainer = Trainer(
-        parts, plan, RunFolder(folder), RunInfo(folder, "3dgs", "test", 100, 0, {}, {})
-    )
+    parts = replace(found.parts, model=found.parts.model.to(META), device=META)
+    found = replace(found, parts=parts, plan=plan)
+    trainer = trainer_drawn_by(folder, found, Smear(), Anywhere())
     trainer.step = 1  # The first step is logged.
     return trainer
 

@@ -1,24 +1,15 @@
 """A run whose steps are recorded on a tape, on the emulation of the CUDA kernels."""
 
-from dataclasses import replace
-
 import torch
 
-from gsfw.core.callback import RunInfo
-from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.loop.run_folder import RunFolder
-from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.update import Update
-from gsfw.core.table import SplatTable
 from gsfw.kernels.cuda.operators import CudaOperators
-from gsfw.plugins.compose import compose
-from gsfw.plugins.registry import installed
-from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
+from support.composed_runs import composed, trainer_drawn_by
 from support.tape import TapeLauncher, TapeRecorder
 
 SETTINGS = {
-    **{"method": "3dgs", "rasterizer": "reference", "steps": "40", "strategy": "adc"},
+    **{"steps": "40", "strategy": "adc"},
     **{"sh_degree": "1", "sh_degree_interval": "4", "log_every": "1000", "max_skipped": "1000"},
 }
 BUILT_IN = {
@@ -32,26 +23,16 @@ class Run:
 
     def __init__(self, folder, recorded: bool, **settings: str) -> None:
         given = SETTINGS | ({} if "data" in settings else BUILT_IN) | settings
-        layers = [Layer(COMMAND_LINE, given)]
-        composition = compose(resolve(installed(), layers), installed())
-        launcher = TapeLauncher()
+        launcher, composition = TapeLauncher(), composed(given)
         operators = CudaOperators(launcher)
-        parts = composition.parts
-        for module in parts.model.modules():  # Made for the CPU, whose kernels are not recorded.
+        for (
+            module
+        ) in composition.parts.model.modules():  # Made for the CPU, whose kernels are not recorded.
             if hasattr(module, "_operators"):
                 module._operators = operators
-        groups = parts.corrections.parameter_groups()
-        self.optimizer = Optimizer(parts.model, operators, OptimizerSettings(), groups)
         self.rasterizer = CudaRasterizer(launcher)
-        self.parts = replace(
-            parts,
-            optimizer=self.optimizer,
-            table=SplatTable(parts.model, self.optimizer),
-            rasterizer=self.rasterizer,
-            operators=operators,
-        )
-        info = RunInfo(folder, str(settings.get("method", "3dgs")), "test", 40, 0, {}, {})
-        self.trainer = Trainer(self.parts, composition.plan, RunFolder(folder), info)
+        self.trainer = trainer_drawn_by(folder, composition, self.rasterizer, operators)
+        self.parts, self.optimizer = self.trainer.parts, self.trainer.parts.optimizer
         self.recorder = TapeRecorder(launcher, self.state)
         if recorded:
             self.trainer.updates = Update(self.parts, self.trainer._stopwatch, self.recorder)
