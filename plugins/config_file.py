@@ -39,9 +39,11 @@ NOTE = """\
 FORMER_RATES: Mapping[str, tuple[float, frozenset[str]]] = {
     "optim.factor": (1.0, frozenset({"optim.means_lr", "optim.sh_dc_lr"})),
     "optim.cooldown": (0.0, frozenset({"optim.sparse"})),
+    "optim.motion_factor": (1.0, frozenset({"optim.motion_lr"})),
 }
 """Settings that runs of older versions did not have, the values that these runs had in effect, and
-settings of all runs that have such rates."""
+settings of all runs that have such rates. Such a run keeps all of its rates, since the defaults of
+the others are made for the new values."""
 PLACES = ("data", "init")
 """Settings that may name a file: saved as absolute paths, so that they hold in any folder."""
 
@@ -123,9 +125,10 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         return Layer(where, values, packages=packages)
     given = _named(where, GIVEN, document[GIVEN], values)
     planned = _named(where, PLANNED, document.get(PLANNED, []), values)
+    rates = {key for key in values if key in FORMER_RATES or key.endswith("_lr")}
     for key, (value, with_keys) in FORMER_RATES.items():
         if values.keys() >= with_keys and key not in values:
-            values[key], given = value, given | {key}
+            values[key], given = value, given | {key} | rates
     if everything:
         return Layer(where, values, given, planned, packages=packages)
     if "minutes" not in values:  # Before gsfw planned runs by time, all had a number of steps.

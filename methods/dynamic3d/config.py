@@ -29,6 +29,7 @@ class TrackedGaussiansOptim(StaticGaussiansOptim):
     at each time. Higher initial rates with a decay within each time need a tenth of the steps.
     """
 
+    factor: float | Literal["auto"] = "auto"
     means_lr_steps: int = steps_field(10_000)
     """Steps over which the rate of positions decays at the first time."""
     segmentation_lr: float = number(5e-2, at_least=0, below=math.inf)
@@ -53,6 +54,7 @@ class TrackedGaussiansConfig(GaussiansConfig):
             "strategy.reset_every": 0,
             "strategy.refine_stop": Rescaled(5_000),
         },
+        "paper": {"optim.factor": 1.0, "optim.cooldown": 0.0},
     }
     """Times in order, two views in a step, Gaussians added and removed at the first time only, and
     no opacity resets.

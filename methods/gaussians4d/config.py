@@ -11,8 +11,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
 from gsfw.core.step_settings import Rescaled, steps_field
-from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
-from gsfw.methods.moving.config import MovingConfig
+from gsfw.methods.moving.config import PAPER_RATES, MovingConfig, MovingOptim
 
 if TYPE_CHECKING:
     from gsfw.core.method import Method
@@ -22,7 +21,7 @@ MAX_LOG2_ROWS = 24
 
 
 @dataclass
-class DeformationOptim(StaticGaussiansOptim):
+class DeformationOptim(MovingOptim):
     """Learning rates of the canonical Gaussians and of the field.
 
     The rates of the field are independent of the scene's extent, because the field is: the paper's
@@ -140,6 +139,7 @@ class DeformationConfig(MovingConfig):
             "strategy.reset_every": 0,
             "strategy.max_gaussians": 360_000,
         },
+        "paper": PAPER_RATES,
         "fast": {
             "steps": 7_000,
             "sh_degree": 2,

@@ -11,8 +11,7 @@ from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
 from gsfw.core.step_settings import steps_field
-from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
-from gsfw.methods.moving.config import MovingConfig
+from gsfw.methods.moving.config import PAPER_RATES, MovingConfig, MovingOptim
 
 if TYPE_CHECKING:
     from gsfw.core.method import Method
@@ -22,7 +21,7 @@ MAX_INIT_DURATION = 10.0
 
 
 @dataclass
-class SlicedGaussiansOptim(StaticGaussiansOptim):
+class SlicedGaussiansOptim(MovingOptim):
     """Learning rates of the columns."""
 
     means_lr_steps: int = steps_field(20_000)
@@ -59,6 +58,7 @@ class SlicedGaussiansConfig(MovingConfig):
             "strategy.max_gaussians": 360_000,
             "sampler.views_per_step": 2,
         },
+        "paper": PAPER_RATES,
     }
     """Two views of any times in a step, growth by the gradient of temporal centres too, no opacity
     resets, which harm motion, and at most 360,000 rows, as in method 4dgs: of 1.06 million rows,

@@ -166,6 +166,21 @@ def test_a_run_of_before_rates_cooled_down_keeps_its_rates(tmp_path, everything)
     assert read_config(path, everything).values.get("optim.cooldown") in (None, 0.3)
 
 
+@pytest.mark.parametrize("everything", [True, False])
+def test_a_run_of_before_paths_had_a_factor_keeps_all_of_its_rates(tmp_path, everything):
+    path = tmp_path / "config.yaml"
+    old = "optim.motion_lr: 3.0e-4\noptim.opacities_lr: 0.05\noptim.factor: 1.0\n"
+    path.write_text(f"given: [seed]\nseed: 1\noptim.cooldown: 0.0\nsh_degree: 2\n{old}")
+    layer = read_config(path, everything)
+    rates = {key: layer.values[key] for key in layer.values if key.startswith("optim.")}
+    assert rates == {
+        "optim.motion_lr": 3e-4, "optim.motion_factor": 1.0, "optim.opacities_lr": 0.05,
+        "optim.factor": 1.0, "optim.cooldown": 0.0,
+    }  # fmt: skip
+    assert all(layer.gives(key) for key in rates)
+    assert not layer.gives("sh_degree")
+
+
 def test_a_start_is_not_taken_for_a_folder_of_its_name(tmp_path, monkeypatch):
     (tmp_path / "dense").mkdir()
     monkeypatch.chdir(tmp_path)

@@ -26,7 +26,7 @@ def model_of(
 
 
 def test_rates_are_those_of_static_gaussians_and_of_time():
-    rates = SlicedGaussiansOptim().learning_rates(extent=2.0)
+    rates = SlicedGaussiansOptim(factor=1.0).learning_rates(extent=2.0)
     assert rates["means"].at(0) == pytest.approx(3.2e-4)
     assert rates["time_centers"].at(0) == pytest.approx(1.6e-4)
     assert rates["time_centers"].at(20_000) == pytest.approx(1.6e-6)

@@ -15,8 +15,9 @@ def resolved(**values: object) -> Settings:
     return resolve(installed(), [layer])
 
 
-def test_the_defaults_are_those_of_the_paper():
-    config = SpacetimeConfig()
+def test_preset_paper_is_that_of_the_paper():
+    config = resolved(preset="paper", steps=30_000).config
+    assert isinstance(config, SpacetimeConfig)
     assert (config.motion_order, config.spin, config.colors) == (3, True, "sh")
     assert config.motion == "full"
     assert (config.steps, config.ssim_weight, config.lifetime_reg) == (30_000, 0.2, 0.0)
@@ -39,6 +40,19 @@ def test_the_defaults_are_those_of_the_paper():
 def test_positions_that_do_not_move_leave_motion_constant():
     rates = SpacetimeOptim(means_lr=0.0).learning_rates(1.0)
     assert rates["motion"].at(0) == rates["motion"].at(30_000) == pytest.approx(2.8e-4)
+
+
+def test_paths_learn_faster_in_short_runs():
+    factors = [
+        SpacetimeOptim(means_lr_steps=steps).learning_rates(1.0)["motion"].initial / 2.8e-4
+        for steps in (100, 1200, 2400, 30_000)
+    ]
+    assert factors == pytest.approx([10.0, 4.0, 1.0, 1.0])
+
+
+def test_a_factor_of_paths_that_is_no_factor_is_refused():
+    with pytest.raises(ConfigError, match=r"motion_factor=0\.0: expected auto, or"):
+        SpacetimeConfig(optim=SpacetimeOptim(motion_factor=0.0)).check()
 
 
 def test_opacities_are_not_reset_unless_someone_asks():
