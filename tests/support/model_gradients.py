@@ -30,4 +30,6 @@ def check_gradients(
         for name, column in model.columns().items()
         if column.trained and name not in without
     ]
-    assert torch.autograd.gradcheck(lambda *_: tuple(outputs()), inputs, atol=1e-6, rtol=1e-4, fast_mode=True)
+    assert torch.autograd.gradcheck(
+        lambda *_: tuple(outputs()), inputs, atol=1e-6, rtol=1e-4, fast_mode=True
+    )
