@@ -94,7 +94,7 @@ def run(arguments: list[str]) -> int:
     is_target = exporter.is_folder or not names_folder(options.out)
     if options.out and not options.times and is_target:
         check_suffix(Path(options.out), options.format, exporter, registry)
-    check_format(options, exporter.holds)
+    check_format(options, exporter)
     check_sh_degree(options.sh_degree, options.format, exporter)
     console = Console(options.json)
     found = find_run(options.run, console.say)

@@ -11,13 +11,18 @@ from gsfw.plugins.specs import Spec, hookimpl
 
 @hookimpl
 def gsfw_exporters() -> list[Spec]:
-    """The writer of trees."""
+    """The writers of trees."""
     return [
         Spec(
             "lod",
             "a tree of levels of detail, drawn within a budget and a bound of memory",
             "gsfw.lod.exporter:LodExporter",
-        )
+        ),
+        Spec(
+            "streamed-sog",
+            "levels of detail for PlayCanvas and SuperSplat: a folder that browsers load in parts",
+            "gsfw.lod.streamed_sog:StreamedSogExporter",
+        ),
     ]
 
 

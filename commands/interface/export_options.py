@@ -10,7 +10,7 @@ from gsfw.core.files.reading import names_folder
 
 if TYPE_CHECKING:
     from gsfw.commands.export import ExportOptions
-    from gsfw.core.exchange import Exporter, Holds
+    from gsfw.core.exchange import Exporter
     from gsfw.plugins.registry import Registry
 
 PLY = "ply"
@@ -51,7 +51,7 @@ def format_of_file(options: ExportOptions, registry: Registry) -> str:
     return format_for(out, registry, f"out={out}")
 
 
-def check_format(options: ExportOptions, holds: Holds) -> None:
+def check_format(options: ExportOptions, exporter: Exporter) -> None:
     """Check that the options fit the content of the format.
 
     Raises:
@@ -59,6 +59,7 @@ def check_format(options: ExportOptions, holds: Holds) -> None:
     """
     from gsfw.core.exchange import Holds
 
+    holds = exporter.holds
     is_cut = options.keep < 1 or options.sh_degree is not None
     if is_cut and (options.times or holds is not Holds.SPLATS):
         what = f"times={options.times}" if options.times else f"format={options.format}"
@@ -72,16 +73,16 @@ def check_format(options: ExportOptions, holds: Holds) -> None:
             f"budget={options.budget}: {what} cannot be given with it.",
             "Give one of budget and keep, and a format of splats, such as ply, web or lod.",
         )
-    if holds is Holds.DEPTHS and options.times:
-        raise ConfigError(
-            f"format={options.format} is written at one time: leave out times.",
-            "Choose the time: time=0.5",
-        )
     if holds in (Holds.MODEL, Holds.MOTION) and (options.times or options.time):
         what = "the model" if holds is Holds.MODEL else "splats"
         raise ConfigError(
             f"format={options.format} holds {what} at all times: leave out time and times.",
             "To write one time: format=ply time=0.5",
+        )
+    if options.times and (holds is Holds.DEPTHS or exporter.is_folder):
+        raise ConfigError(
+            f"format={options.format} is written at one time: leave out times.",
+            "Choose the time: time=0.5",
         )
 
 

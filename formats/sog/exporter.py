@@ -57,18 +57,29 @@ class SogExporter(Exporter):
             ValueError: a value is not finite, or out of range; names the field and the row. Or
                 there are no splats, or more than an image holds.
         """
-        files = _files(source.splat_file(), self.palette)
+        files = sog_files(source.splat_file(), self.palette)
         with atomic_file(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             for name, content in files.items():
                 archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
 
 
-def _files(content: SplatFile, palette: int) -> dict[str, bytes]:
-    """The files by name."""
+def sog_files(
+    content: SplatFile, palette: int, order: Int[Tensor, " n"] | None = None
+) -> dict[str, bytes]:
+    """The description and the images by name.
+
+    Args:
+        content: the splats; SH bands above degree 3 are left out.
+        palette: most vectors of SH coefficients, at most ``MAX_PALETTE``; 0 for the usual number.
+        order: rows in the order of the images; ``None`` for that of the Morton curve.
+
+    Raises:
+        ValueError: as for ``SogExporter.write``.
+    """
     splats = content.splats.up_to(MAX_DEGREE)
     check_any(splats)
     shape = image_shape(len(splats))
-    order = morton_order(splats.means)
+    order = morton_order(splats.means) if order is None else order
     columns = _columns(splats, order)
     scales, colors = codebook(columns.log_scales), codebook(columns.dc)
     shades = nearest_levels(columns.dc, colors)

@@ -89,3 +89,30 @@ def test_a_model_whose_splats_depend_on_the_view_is_refused(finished_run, capsys
 def test_info_tells_a_tree(tree, capsys):
     assert main(["info", str(tree), "json=true"]) == 0
     assert json.loads(capsys.readouterr().out)["num_gaussians"] == 900
+
+
+def test_splats_are_converted_to_a_folder_for_browsers(splats, tmp_path, capsys):
+    out = tmp_path / "town"
+    words = ["convert", str(splats), str(out), "format=streamed-sog", "format.num_levels=2"]
+    assert main([*words, "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["num_gaussians"], document["psnr"]) == (900, None)
+    assert json.loads((out / "lod-meta.json").read_text())["counts"] == [900, 450]
+    (out / "notes.txt").write_text("mine")
+    assert main(words) == 2
+    assert capsys.readouterr().err == (
+        f"error: {out} has files of other kinds, such as notes.txt: a streamed SOG is a folder of "
+        "its own.\nChoose another place for OUT: a new or an empty folder.\n"
+    )
+
+
+def test_a_run_is_exported_for_browsers_at_one_time(finished_run, tmp_path, capsys):
+    out = tmp_path / "town"
+    words = ["export", str(finished_run), "format=streamed-sog", f"out={out}"]
+    assert main([*words, "times=3"]) == 2
+    assert capsys.readouterr().err == (
+        "error: format=streamed-sog is written at one time: leave out times.\n"
+        "Choose the time: time=0.5\n"
+    )
+    assert main(words) == 0
+    assert (out / "lod-meta.json").exists()
