@@ -12,13 +12,12 @@ from support.splat_transform import (
     needs_splat_transform_with_levels,
     splat_transform,
 )
+from support.tree_levels import nodes
 
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.exchange import SplatFile
 from gsfw.formats.ply import PlyImporter
 from gsfw.formats.sog.importer import SogImporter
-from gsfw.lod.exporter import tree_of
-from gsfw.lod.importer import world_from_tree
 from gsfw.lod.streamed_sog import StreamedSogExporter
 
 SMALL = {"num_levels": 4, "region": 128, "chunk": 256, "sharing": 1}
@@ -50,14 +49,6 @@ def regions(node):
 def files(path):
     """The splats of each file, in the order of the index."""
     return [SogImporter().read(path / name) for name in index(path)["filenames"]]
-
-
-def nodes(content, level):
-    """The nodes of a level of the tree, in the world."""
-    tree, header = tree_of(content)
-    first, size = tree.starts[-1 - level], tree.sizes[-1 - level]
-    found = tree.nodes(torch.arange(first, first + size)).splats()
-    return replace(found, means=world_from_tree(header).apply(found.means))
 
 
 def check_near(found, expected, place=PLACE):

@@ -95,27 +95,32 @@ class SparkViewer:
 
     def look(self, camera: Cameras) -> np.ndarray:
         """The image of one camera, [h w 3] in [0, 1]."""
-        to_world = torch.linalg.inv(camera.world_to_camera[0].double())
-        pose = (to_world @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]).double())).flatten()
-        focal = float(camera.intrinsics[0, 1, 1])
-        angle = float(np.degrees(2 * np.arctan(camera.height / 2 / focal)))
-        values = ", ".join(map(json.dumps, (pose.tolist(), angle, camera.width, camera.height)))
-        address = self.page.evaluate(f"look({values})")
-        image = Image.open(BytesIO(base64.b64decode(address.partition(",")[2])))
-        return np.asarray(image.convert("RGB")) / 255
+        return image_in(self.page, camera)
+
+
+def image_in(page: Page, camera: Cameras) -> np.ndarray:
+    """The image of one camera, [h w 3] in [0, 1], by ``look`` of a page."""
+    to_world = torch.linalg.inv(camera.world_to_camera[0].double())
+    pose = (to_world @ torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]).double())).flatten()
+    focal = float(camera.intrinsics[0, 1, 1])
+    angle = float(np.degrees(2 * np.arctan(camera.height / 2 / focal)))
+    values = ", ".join(map(json.dumps, (pose.tolist(), angle, camera.width, camera.height)))
+    address = page.evaluate(f"look({values})")
+    image = Image.open(BytesIO(base64.b64decode(address.partition(",")[2])))
+    return np.asarray(image.convert("RGB")) / 255
 
 
 class _Handler(SimpleHTTPRequestHandler):
     """Serves the page, the packages and the files; says nothing."""
 
-    def __init__(self, *arguments: object, files: Path, **named: object) -> None:
-        self._files = files
+    def __init__(self, *arguments: object, packages: Path, files: Path, **named: object) -> None:
+        self._packages, self._files = packages, files
         super().__init__(*arguments, **named)
 
     def translate_path(self, path: str) -> str:
         """The file of an address."""
         inner = path.split("?", maxsplit=1)[0].lstrip("/")
-        root = self._files if inner.startswith("files/") else FOLDER
+        root = self._files if inner.startswith("files/") else self._packages
         return str(root / inner.removeprefix("files/"))
 
     def log_message(self, *_: object) -> None:
@@ -131,15 +136,30 @@ def spark_viewer(folder: Path, profile: Path) -> Iterator[SparkViewer]:
         profile: an empty folder for the browser.
     """
     npm_install(FOLDER, f"@sparkjsdev/spark@{SPARK}", f"three@{THREE}")
-    (FOLDER / "page.html").write_text(PAGE)
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, files=folder))
+    with opened_page(PAGE, FOLDER, folder, profile) as page:
+        yield SparkViewer(page, folder)
+
+
+@contextmanager
+def opened_page(text: str, packages: Path, files: Path, profile: Path) -> Iterator[Page]:
+    """Open a page that sets ``started``.
+
+    Args:
+        text: the page.
+        packages: the folder of ``node_modules``.
+        files: served below ``files``.
+        profile: an empty folder for the browser.
+    """
+    (packages / "page.html").write_text(text)
+    handler = partial(_Handler, packages=packages, files=files)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     try:
         with chromium(profile) as browser:
             page = browser.open(f"http://127.0.0.1:{server.server_port}/page.html", (400, 300))
             page.wait_for("window.started")
-            yield SparkViewer(page, folder)
+            yield page
     finally:
         server.shutdown()
         thread.join()
