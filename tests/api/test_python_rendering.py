@@ -258,8 +258,8 @@ def test_each_camera_of_a_render_has_splats_of_its_own(splat_file, monkeypatch):
 def test_wrong_files_are_refused_with_the_remedy(splat_file, tmp_path):
     with pytest.raises(DataError, match=r"no run or splat file .*splats.pyl. Did you mean 'splats"):
         load(tmp_path / "splats.pyl")
-    with pytest.raises(ConfigError, match=r"no exporter writes files that end in '.obj'"):
-        load(splat_file).save(tmp_path / "mesh.obj")
+    with pytest.raises(ConfigError, match=r"no exporter writes files that end in '.stl'"):
+        load(splat_file).save(tmp_path / "mesh.stl")
     with pytest.raises(ConfigError, match="Paths need a moving model"):
         load(splat_file).save(tmp_path / "paths.npz")
     for time, cause in ((0.5, "holds splats at all times"), (2.0, r"expected a time in")):

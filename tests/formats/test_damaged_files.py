@@ -51,9 +51,12 @@ def known(tmp_path_factory):
     return readers(tmp_path_factory.mktemp("sound"))
 
 
-@pytest.mark.parametrize(
+every_format = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in FEWER)) for name in FORMATS]
 )
+
+
+@every_format
 def test_every_importer_reads_the_files_that_are_written_for_it(known, tmp_path, name):
     assert known[name].sound, "no exporter writes such files"
     for sound in known[name].sound:
@@ -101,7 +104,7 @@ def test_a_small_file_does_not_unpack_to_a_large_one(known, tmp_path, name):
             known[name].kind().read(path)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@every_format
 def test_a_file_of_any_other_format_is_refused_in_words(known, tmp_path, name):
     for other in known.values():
         for sound in other.sound:
