@@ -22,7 +22,8 @@ LOADS_FOR_SCRIPTS = {"compat/cuda_on_cpu.py"}
 SERVES, ASKS = {"viewer/server.py"}, {"jobs/ray/cluster.py"}
 """Modules with a socket of their own: the page's, and the question whether a cluster answers."""
 STARTS = {
-    *("jobs/guard.py", "jobs/process.py", "preparation/mapping/global_mapping.py"),
+    *("formats/usd/importer.py", "jobs/guard.py", "jobs/process.py"),
+    "preparation/mapping/global_mapping.py",
     *("studies/bench/first_use.py", "studies/origin.py", "testing/everywhere.py"),
 }
 """Modules that start programs: Python itself and git, never one with a name from a data set."""

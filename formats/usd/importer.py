@@ -87,16 +87,17 @@ def _read_stage(path: Path) -> Iterator[Arrays]:
         path.open("rb").close()
     with unpacked(path) as stage, TemporaryDirectory(prefix="gsfw-usd-") as folder:
         out = Path(folder) / "fields.npz"
-        command = [sys.executable, "-m", stage_reader.__name__, str(stage), str(out)]
+        command = [sys.executable, "-m", stage_reader.__name__]
+        asked = json.dumps([str(stage), str(out)]).encode()
         seconds = LEAST_SECONDS + size / BYTES_A_SECOND
         try:
-            subprocess.run(command, capture_output=True, timeout=seconds, check=True)
+            subprocess.run(command, input=asked, capture_output=True, timeout=seconds, check=True)
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             raise DataError(
                 f"{path} is a damaged file of USD, or refers to a file that is missing or damaged.",
                 COPY_AGAIN,
             ) from None
-        with np.load(out) as arrays:
+        with np.load(out, allow_pickle=False) as arrays:
             yield arrays
 
 

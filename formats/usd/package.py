@@ -80,7 +80,7 @@ def unpacked(path: Path) -> Iterator[Path]:
                 # Entries of packages are stored, not compressed, and none uses the bytes of others.
                 if size > path.stat().st_size or any(item.compress_type for item in stages):
                     raise zipfile.BadZipFile
-                found = [Path(archive.extract(item, folder)) for item in stages]
+                found = [_written(archive, item, Path(folder).resolve()) for item in stages]
         except DAMAGED_ZIP as error:
             damage = DataError(f"{path} is a damaged package of USD.", COPY_AGAIN)
             raise disk_error(error, Path(folder)) or damage from None
@@ -90,6 +90,20 @@ def unpacked(path: Path) -> Iterator[Path]:
                 "Export it as splats with OpenUSD 26.03 or later from the tool that made it.",
             )
         yield found[0]
+
+
+def _written(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> Path:
+    """The place below a folder that an entry is written to.
+
+    Raises:
+        BadZipFile: its name leads out of the folder.
+    """
+    place = (folder / entry.filename).resolve()
+    if not place.is_relative_to(folder):
+        raise zipfile.BadZipFile
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_bytes(archive.read(entry))
+    return place
 
 
 def _is_stage(entry: zipfile.ZipInfo) -> bool:

@@ -1,7 +1,8 @@
 """Reader of stages, in a process of its own: damage of a file may end OpenUSD's native code.
 
-``python -m gsfw.formats.usd.stage_reader STAGE OUT`` writes the values of all fields of Gaussians
-to OUT, for NumPy, with a text of JSON that describes them. It imports no torch.
+``python -m gsfw.formats.usd.stage_reader`` takes a list of JSON from its standard input, the paths
+of the stage and of a file for NumPy. It writes the values of all fields of Gaussians to that file,
+with a text of JSON that describes them. It imports no torch.
 """
 
 from __future__ import annotations
@@ -102,4 +103,4 @@ def _value(prim: Usd.Prim, name: str) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    read_stage(Path(sys.argv[1]), Path(sys.argv[2]))
+    read_stage(*map(Path, json.load(sys.stdin)))

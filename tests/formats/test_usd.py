@@ -369,6 +369,9 @@ def test_damaged_packages_are_refused_with_the_reason(tmp_path):
     assert refusal(tmp_path / "cut.usdz").startswith("FILE is a damaged package of USD.")
     small = packed(tmp_path / "small.usdz", zipfile.ZIP_DEFLATED, b_usda=stage)
     assert refusal(small).startswith("FILE is a damaged package of USD.")
+    outside = packed(tmp_path / "outside.usdz", **{"../b_usda": stage})
+    assert refusal(outside).startswith("FILE is a damaged package of USD.")
+    assert not (tmp_path.parent / "b.usda").exists()
     other = packed(tmp_path / "other.usdz", c_png=b"no image")
     assert refusal(other).startswith("FILE contains no splats: there is no stage of USD in")
 
