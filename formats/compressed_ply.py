@@ -179,7 +179,7 @@ class CompressedPlyImporter(Importer):
         count = header.elements["vertex"].count
         # Asked for here, where nothing is allocated yet: this checks the size of the file.
         vertices = header.rows("vertex")
-        coefficients = header.rows("sh") if degree else iter(())
+        coefficients = header.rows("sh") if degree else None
         parts = _parts(header, vertices, coefficients, degree)
         return splat_file(header, *gathered(path, count, degree, parts))
 
@@ -220,15 +220,18 @@ def _check_layout(header: PlyHeader) -> int:
 
 
 def _parts(
-    header: PlyHeader, vertices: Iterator[Rows], coefficients: Iterator[Rows], degree: int
+    header: PlyHeader, vertices: Iterator[Rows], coefficients: Iterator[Rows] | None, degree: int
 ) -> Iterator[StoredRows]:
     """The stored values of the file, part by part."""
     bounds = _bounds(header)
     first = 0
-    for rows in vertices:
+    alone = ((rows, None) for rows in vertices)
+    # Strictly, so that both come to their end, where they close the file.
+    both = alone if coefficients is None else zip(vertices, coefficients, strict=True)
+    for rows, bands in both:
         end = first + len(rows)
         chunks = bounds[np.arange(first, end) // SIZE]
-        yield _stored(rows, chunks, next(coefficients, None), degree)
+        yield _stored(rows, chunks, bands, degree)
         first = end
 
 

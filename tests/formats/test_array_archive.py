@@ -58,9 +58,9 @@ def test_arrays_of_every_type_and_the_header_read_back_bit_by_bit(tmp_path):
 
 
 def test_numpy_alone_reads_it(tmp_path):
-    archive = np.load(written(tmp_path / "a.gsfw"))
-    assert json.loads(archive["header.json"]) == {"version": 1}
-    assert np.array_equal(archive["state/1.values"], some_arrays()["state/1.values"])
+    with np.load(written(tmp_path / "a.gsfw")) as archive:
+        assert json.loads(archive["header.json"]) == {"version": 1}
+        assert np.array_equal(archive["state/1.values"], some_arrays()["state/1.values"])
 
 
 def test_the_same_content_makes_the_same_bytes(tmp_path):
