@@ -9,9 +9,9 @@ from pathlib import Path
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter, ExportSource, Holds, MotionFile
 from gsfw.core.ranges import number
-from gsfw.formats.usd.field import field_values, origin_of, upright
+from gsfw.formats.usd.field import coefficients_of, field_values, origin_of, upright
 from gsfw.formats.usd.package import PACKAGE, SUFFIX, check_available
-from gsfw.formats.usd.stage import Playback, write_stage
+from gsfw.formats.usd.stage import Field, Playback, write_stage
 from gsfw.formats.visible_splats import without_invisible
 
 
@@ -58,8 +58,9 @@ class UsdExporter(Exporter):
         codes = [last * time for time in self._times(file)]
         origin = origin_of(turned)
         samples = ((code, field_values(turned, code / last, origin)) for code in codes)
+        field = Field(coefficients_of(turned), samples, origin, self.half)
         playback = None if file.is_still else Playback(last, self.fps)
-        write_stage(path, file, up, samples, origin=origin, playback=playback, half=self.half)
+        write_stage(path, field, up, playback, file)
 
     def _times(self, file: MotionFile) -> list[float]:
         """The times of the samples, in [0, 1]."""

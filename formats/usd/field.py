@@ -33,8 +33,6 @@ class FieldValues:
     scales: Float32[np.ndarray, "n 3"]
     """Standard deviations along the axes of each Gaussian."""
     opacities: Float32[np.ndarray, " n"]
-    coefficients: Float32[np.ndarray, "m 3"]
-    """SH coefficients, those of a Gaussian one after the other."""
     extent: Float32[np.ndarray, "2 3"]
     """Lowest and highest corner of a box around all Gaussians."""
 
@@ -66,25 +64,33 @@ def origin_of(file: MotionFile) -> Float64[np.ndarray, " 3"]:
 
 
 def field_values(file: MotionFile, time: float, origin: Float64[np.ndarray, " 3"]) -> FieldValues:
-    """The values at a time in [0, 1], with positions relative to a point.
+    """The values at a time in [0, 1], with positions relative to a point, without colours.
 
     Raises:
         ValueError: a value is not finite, or out of range; names the field and the row; or there
             are no splats.
     """
     splats = file.content.splats if file.is_still else all_splats_at(file, time)
-    stored = StoredRows.cat(list(stored_parts(splats)))
+    stored = StoredRows.cat(list(stored_parts(splats.up_to(0))))
     stored = replace(stored, means=stored.means - origin)
     scales = np.exp(stored.log_scales)
-    coefficients = np.concatenate([stored.dc[:, None], stored.rest], axis=1)
     return FieldValues(
         positions=stored.means.astype(np.float32),
         orientations=np.roll(stored.quats, -1, axis=1),
         scales=scales,
         opacities=stored.opacities.astype(np.float32),
-        coefficients=coefficients.reshape(-1, 3),
         extent=_extent(stored, scales),
     )
+
+
+def coefficients_of(file: MotionFile) -> Float32[np.ndarray, "n k 3"]:
+    """The SH coefficients of all Gaussians, which are the same at all times.
+
+    Raises:
+        ValueError: one is not finite; names the row; or there are no splats.
+    """
+    parts = stored_parts(file.content.splats)
+    return np.concatenate([np.concatenate([part.dc[:, None], part.rest], axis=1) for part in parts])
 
 
 def _extent(stored: StoredRows, scales: Float32[np.ndarray, "n 3"]) -> Float32[np.ndarray, "2 3"]:

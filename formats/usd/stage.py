@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from gsfw.core.exchange import MotionFile
 from gsfw.core.files.atomic import atomic_file
@@ -27,6 +27,20 @@ FIELD = "Gaussians"
 
 
 @dataclass(frozen=True)
+class Field:
+    """A field of ``n`` Gaussians, to be written."""
+
+    coefficients: Float32[np.ndarray, "n k 3"]
+    """SH coefficients."""
+    samples: Iterable[tuple[float, FieldValues]]
+    """The other values by ascending time codes, at least one."""
+    origin: Float64[np.ndarray, " 3"]
+    """Place of the field; its positions are relative to it."""
+    half: bool
+    """True for values of 16 bits, but for positions."""
+
+
+@dataclass(frozen=True)
 class Playback:
     """Time of a moving stage."""
 
@@ -37,25 +51,16 @@ class Playback:
 
 
 def write_stage(
-    path: Path,
-    about: MotionFile,
-    up: str,
-    samples: Iterable[tuple[float, FieldValues]],
-    *,
-    origin: Float64[np.ndarray, " 3"],
-    playback: Playback | None,
-    half: bool,
+    path: Path, field: Field, up: str, playback: Playback | None, about: MotionFile
 ) -> None:
     """Write a stage atomically, in the format of the suffix.
 
     Args:
         path: ends in .usdc, .usda, .usd or .usdz.
-        about: the splats, for what the stage states of them.
+        field: the splats.
         up: axis that points up, "Y" or "Z".
-        samples: values by ascending time codes, at least one.
-        origin: place of the field, in float64; its positions are relative to it.
         playback: ``None`` for a field at rest.
-        half: true for values of 16 bits, but for positions.
+        about: the splats as they were given, for what the stage states of them.
 
     Raises:
         OutputError: it cannot be written.
@@ -64,7 +69,7 @@ def write_stage(
 
     with atomic_file(path) as file, TemporaryDirectory(dir=path.parent, prefix=".usd-") as folder:
         stage = _stage(path.stem, about, up, playback)
-        _fill(_field(stage, origin), samples, half)
+        _fill(_prim(stage, field.origin), field)
         # In a package, the suffix of the stage is the one of its format in bytes.
         inner = Path(folder) / path.with_suffix(SUFFIX).name
         written = Path(folder) / path.name
@@ -104,7 +109,7 @@ def _stage(name: str, about: MotionFile, up: str, playback: Playback | None) -> 
     return stage
 
 
-def _field(
+def _prim(
     stage: Usd.Stage, origin: Float64[np.ndarray, " 3"]
 ) -> UsdVol.ParticleField3DGaussianSplat:
     """The field in its place, with the hints for its renderers."""
@@ -129,13 +134,12 @@ class _Attribute:
     """Type of its arrays."""
     is_half: bool
 
-    def set(self, values: FieldValues, code: float | None = None) -> None:
+    def set(self, array: np.ndarray, code: float | None = None) -> None:
         """Set its value at a time code, or its default.
 
         Raises:
             ValueError: a value is beyond floats of 16 bits.
         """
-        array = getattr(values, self.name)
         if self.is_half:
             with np.errstate(over="ignore"):
                 array = array.astype(np.float16)
@@ -148,57 +152,42 @@ class _Attribute:
             self.stored.Set(held, code)
 
 
-def _attributes(field: UsdVol.ParticleField3DGaussianSplat, half: bool) -> list[_Attribute]:
+def _attributes(prim: UsdVol.ParticleField3DGaussianSplat, half: bool) -> list[_Attribute]:
     """The attributes of all ``FieldValues``."""
     from pxr import Vt
 
+    small: dict[str, tuple[Usd.Attribute, Any]]
     if half:
-        small: dict[str, tuple[Usd.Attribute, Any]] = {
-            "orientations": (field.CreateOrientationshAttr(), Vt.QuathArray),
-            "scales": (field.CreateScaleshAttr(), Vt.Vec3hArray),
-            "opacities": (field.CreateOpacitieshAttr(), Vt.HalfArray),
-            "coefficients": (
-                field.CreateRadianceSphericalHarmonicsCoefficientshAttr(),
-                Vt.Vec3hArray,
-            ),
+        small = {
+            "orientations": (prim.CreateOrientationshAttr(), Vt.QuathArray),
+            "scales": (prim.CreateScaleshAttr(), Vt.Vec3hArray),
+            "opacities": (prim.CreateOpacitieshAttr(), Vt.HalfArray),
         }
     else:
         small = {
-            "orientations": (field.CreateOrientationsAttr(), Vt.QuatfArray),
-            "scales": (field.CreateScalesAttr(), Vt.Vec3fArray),
-            "opacities": (field.CreateOpacitiesAttr(), Vt.FloatArray),
-            "coefficients": (
-                field.CreateRadianceSphericalHarmonicsCoefficientsAttr(),
-                Vt.Vec3fArray,
-            ),
+            "orientations": (prim.CreateOrientationsAttr(), Vt.QuatfArray),
+            "scales": (prim.CreateScalesAttr(), Vt.Vec3fArray),
+            "opacities": (prim.CreateOpacitiesAttr(), Vt.FloatArray),
         }
     return [
-        _Attribute("positions", field.CreatePositionsAttr(), Vt.Vec3fArray, is_half=False),
-        _Attribute("extent", field.CreateExtentAttr(), Vt.Vec3fArray, is_half=False),
+        _Attribute("positions", prim.CreatePositionsAttr(), Vt.Vec3fArray, is_half=False),
+        _Attribute("extent", prim.CreateExtentAttr(), Vt.Vec3fArray, is_half=False),
         *(_Attribute(name, stored, kind, half) for name, (stored, kind) in small.items()),
     ]
 
 
-def _fill(
-    field: UsdVol.ParticleField3DGaussianSplat,
-    samples: Iterable[tuple[float, FieldValues]],
-    half: bool,
-) -> None:
+def _fill(prim: UsdVol.ParticleField3DGaussianSplat, field: Field) -> None:
     """Set the attributes: the first values as defaults, and time samples of those that change.
 
     Raises:
         ValueError: a value is beyond floats of 16 bits.
     """
-    attributes = _attributes(field, half)
-    following = iter(samples)
+    _set_colors(prim, field)
+    attributes = _attributes(prim, field.half)
+    following = iter(field.samples)
     start, first = next(following)
-    per_row = len(first.coefficients) // len(first.positions)
-    field.CreateRadianceSphericalHarmonicsDegreeAttr(degree_of(per_row))
     for attribute in attributes:
-        attribute.set(first)
-        if attribute.name == "coefficients":  # As of a primvar, which some readers take it for.
-            attribute.stored.SetMetadata("interpolation", "vertex")
-            attribute.stored.SetMetadata("elementSize", per_row)
+        attribute.set(getattr(first, attribute.name))
     codes, changed = [start], set[str]()
     for code, values in following:
         for attribute in attributes:
@@ -209,6 +198,23 @@ def _fill(
                 changed.add(attribute.name)
                 # It has been as at first until the code before this one.
                 for earlier in codes:
-                    attribute.set(first, earlier)
-            attribute.set(values, code)
+                    attribute.set(before, earlier)
+            attribute.set(given, code)
         codes.append(code)
+
+
+def _set_colors(prim: UsdVol.ParticleField3DGaussianSplat, field: Field) -> None:
+    """Set the SH coefficients, those of a Gaussian one after the other, and their layout."""
+    from pxr import Vt
+
+    per_row = field.coefficients.shape[1]
+    prim.CreateRadianceSphericalHarmonicsDegreeAttr(degree_of(per_row))
+    if field.half:
+        stored, kind = prim.CreateRadianceSphericalHarmonicsCoefficientshAttr(), Vt.Vec3hArray
+    else:
+        stored, kind = prim.CreateRadianceSphericalHarmonicsCoefficientsAttr(), Vt.Vec3fArray
+    colors = _Attribute("colours", stored, kind, field.half)
+    colors.set(field.coefficients.reshape(-1, 3))
+    # As of a primvar, which some readers take it for.
+    stored.SetMetadata("interpolation", "vertex")
+    stored.SetMetadata("elementSize", per_row)

@@ -12,6 +12,7 @@ from torch import Tensor
 from gsfw.core.maths.ssim import C1, C2, SIGMA, WINDOW
 from gsfw.core.operators import Operators
 from gsfw.kernels.cpu.operators import CpuOperators
+from gsfw.kernels.cuda.operators import CudaOperators
 from gsfw.kernels.cuda.source_files import source_text
 
 SHAPES = [
@@ -78,7 +79,9 @@ def test_bright_images_that_hardly_differ_keep_their_digits(operators):
     exact = rendered.detach().double().requires_grad_()
     expected = losses_and_gradients(Operators(), exact, target.double(), None)
     # Plain torch in float32 has 1 - SSIM 92% off here.
-    assert relative_error(found[1], expected[1]) < 1e-3
+    # The CPU's are 4e-4 off.
+    bound = 1e-4 if isinstance(operators, CudaOperators) else 1e-3
+    assert relative_error(found[1], expected[1]) < bound
     assert relative_error(found[2], expected[2]) < 1e-3
 
 

@@ -31,5 +31,5 @@ def check_gradients(
         if column.trained and name not in without
     ]
     assert torch.autograd.gradcheck(
-        lambda *_: tuple(outputs()), inputs, atol=1e-6, rtol=1e-4, fast_mode=True
+        lambda *_: tuple(outputs()), inputs, atol=1e-8, rtol=1e-6, fast_mode=True
     )
