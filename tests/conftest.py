@@ -63,7 +63,8 @@ ROOT = TESTS.parent
 DISTURBED = (
     *("callbacks/test_tensorboard_page.py", "commands/test_races.py", "commands/test_view.py"),
     *("core/loop/test_memory.py", "core/test_training_memory.py", "formats/test_in_spark.py"),
-    *("formats/web/test_player.py", "jobs", "parallel", "preparation/check/test_memory.py"),
+    *("formats/web/test_headset.py", "formats/web/test_player.py", "jobs", "parallel"),
+    "preparation/check/test_memory.py",
     *("preparation/test_cancellation.py", "rasterizers/cpu/test_processes.py"),
     *("reports/test_in_browser.py", "studies/tradeoff/test_runner.py", "test_end_to_end.py"),
     "viewer",

@@ -36,13 +36,15 @@ class WebExporter(Exporter):
     """Degree of view dependence above which nothing is written."""
     url: str = ""
     """Address that the folder will have. Sites that show a preview of a link need it."""
+    metre: float = 0.0
+    """World units that are a metre, for headsets. 0: what the first view looks at is 2 m away."""
 
     suffix = ""
     is_folder = True
     holds = Holds.MOTION
 
     def __post_init__(self) -> None:
-        check_options(self.background, self.sh_degree)
+        check_options(self.background, self.sh_degree, self.metre)
         if self.url and not re.match(r"https?://[^/]", self.url):
             raise ConfigError(
                 f"format.url={self.url}: expected an address that begins with https://."
@@ -57,7 +59,7 @@ class WebExporter(Exporter):
             OutputError: a file cannot be written.
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
-        shown = Shown.of(source, self.title, self.background, self.sh_degree)
+        shown = Shown.of(source, self.title, self.background, self.sh_degree, self.metre)
         with folder_or_nothing(path):
             self._write_files(path, shown)
 

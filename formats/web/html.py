@@ -27,12 +27,14 @@ class HtmlExporter(Exporter):
     """Colour behind the splats: white, black, or three numbers. Empty: as in training."""
     sh_degree: int = 4
     """Degree of view dependence above which nothing is written."""
+    metre: float = 0.0
+    """World units that are a metre, for headsets. 0: what the first view looks at is 2 m away."""
 
     suffix = ".html"
     holds = Holds.MOTION
 
     def __post_init__(self) -> None:
-        check_options(self.background, self.sh_degree)
+        check_options(self.background, self.sh_degree, self.metre)
 
     def write(self, path: Path, source: ExportSource) -> None:
         """Write the page atomically, piece by piece.
@@ -41,7 +43,7 @@ class HtmlExporter(Exporter):
             OutputError: it cannot be written.
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
-        shown = Shown.of(source, self.title, self.background, self.sh_degree)
+        shown = Shown.of(source, self.title, self.background, self.sh_degree, self.metre)
         scene = scene_file(shown)
         page = document(shown, poster=image_address(poster(shown.preview)))
         with atomic_file(path) as file:

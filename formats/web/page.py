@@ -24,8 +24,8 @@ SHARED = ("layout.js", "geometry.js")
 WORKER = (*SHARED, "decoder.js", "sorter.js", "worker.js")
 """Scripts of the worker, which decodes and sorts."""
 PLAYER = (
-    *(*SHARED, "camera.js", "renderer.js", "controls.js", "scene.js", "page.js", "pieces.js"),
-    "main.js",
+    *(*SHARED, "camera.js", "renderer.js", "controls.js", "scene.js"),
+    *("stage.js", "headset.js", "page.js", "pieces.js", "main.js"),
 )
 """Scripts of the page."""
 POSTER_SIDE = 1280

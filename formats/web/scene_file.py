@@ -186,6 +186,7 @@ def _header(
         "origin": origin.tolist(),
         "radius": float(offsets.median()),
         "up": content.content.up,
+        "metre": shown.metre,
         "time_range": content.time_range,
         "frames": content.frames,
         "background": shown.background,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -28,9 +29,13 @@ class Shown:
     """Colour behind the splats, in [0, 1]."""
     sh_degree: int
     """Degree of view dependence above which nothing is written."""
+    metre: float
+    """World units that are a metre, for headsets; 0 if that is unknown."""
 
     @staticmethod
-    def of(source: ExportSource, title: str, background: str, sh_degree: int) -> Shown:
+    def of(
+        source: ExportSource, title: str, background: str, sh_degree: int, metre: float
+    ) -> Shown:
         """The scene of a source, at rest without the splats that are too faint to be seen.
 
         Args:
@@ -38,6 +43,7 @@ class Shown:
             title: of the page; empty for the name of the scene.
             background: colour as a setting; empty for that of the source.
             sh_degree: see the field.
+            metre: see the field.
 
         Raises:
             ValueError: the source has no splats, or no motion in closed form.
@@ -52,6 +58,7 @@ class Shown:
             title=title or (preview.title if preview else NAMELESS),
             background=parse_background(background) if background else color,
             sh_degree=sh_degree,
+            metre=metre,
         )
 
     @property
@@ -62,7 +69,7 @@ class Shown:
         return f"{kind} scene of {count:,} Gaussian splats, made with gsfw {version('gsfw')}."
 
 
-def check_options(background: str, sh_degree: int) -> None:
+def check_options(background: str, sh_degree: int, metre: float) -> None:
     """Check the options that both exporters have.
 
     Raises:
@@ -71,3 +78,7 @@ def check_options(background: str, sh_degree: int) -> None:
     parse_background(background or AUTO, key="format.background")
     if not 0 <= sh_degree <= MAX_DEGREE:
         raise ConfigError(f"format.sh_degree={sh_degree}: expected 0 to {MAX_DEGREE}.")
+    if not 0 <= metre < math.inf:
+        raise ConfigError(
+            f"format.metre={metre}: expected how many world units are a metre, or 0 for unknown."
+        )

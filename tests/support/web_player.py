@@ -39,6 +39,10 @@ class Player:
         self.page.evaluate(f"gsfw.setCamera({values}).then(() => 1)")
         if time is not None:
             self.page.evaluate(f"gsfw.setTime({time}).then(() => 1)")
+        return self.canvas()
+
+    def canvas(self) -> np.ndarray:
+        """The present view, as [h w 3] in [0, 1]."""
         address = self.page.evaluate("gsfw.image()")
         content = base64.b64decode(address.partition(",")[2])
         return np.asarray(Image.open(BytesIO(content)).convert("RGB")) / 255

@@ -16,7 +16,7 @@ class GsfwScene extends HTMLElement {
     style.textContent = ":host { display: block; aspect-ratio: 16 / 9; background: #000; }"
       + "iframe { width: 100%; height: 100%; border: 0; display: block; }";
     this.#frame.loading = "lazy";
-    this.#frame.allow = "fullscreen";
+    this.#frame.allow = "fullscreen; xr-spatial-tracking";
     this.attachShadow({ mode: "open" }).append(style, this.#frame);
   }
 

@@ -7,11 +7,13 @@ const FRAMES_A_SECOND = 30;  // Of a moving scene, but it takes from 2 to 60 sec
 class Page {
   #scene;
   #controls;
+  #headset;
   #changed = true;
   #playing = false;
   #view = 0;
   #backgrounds = 0;
   #idle = 0;
+  #passing = false;
   #recent = [];  // Times of the latest frames.
 
   constructor(pieces) {
@@ -23,8 +25,11 @@ class Page {
       this.#problem(error.message);
       return;
     }
-    this.canvas.addEventListener("webglcontextlost", () =>
-      this.#problem("The graphics card has dropped the scene. Reload the page to go on."));
+    this.#headset = new Headset(this.#scene, (kind, value) => this.#heard(kind, value));
+    this.canvas.addEventListener("webglcontextlost", () => {
+      this.#headset.leave();
+      this.#problem("The graphics card has dropped the scene. Reload the page to go on.");
+    });
     new ResizeObserver(() => this.#resize()).observe(this.canvas);
     this.#resize();
     this.#buttons();
@@ -56,14 +61,10 @@ class Page {
 
   #frame(now, before) {
     requestAnimationFrame((next) => this.#frame(next, now));
-    const { header, camera } = this.#scene, seconds = Math.min(0.1, (now - before) / 1000);
-    if (!camera) return;
-    let changed = camera.advance(seconds) | this.#controls.advance(seconds);
-    if (this.#playing) {
-      this.#scene.time = (this.#scene.time + seconds / duration(header)) % 1;
-      this.#showTime();
-      changed = true;
-    }
+    const { camera, head } = this.#scene, seconds = Math.min(0.1, (now - before) / 1000);
+    if (!camera || head) return;
+    const moved = camera.advance(seconds) | this.#controls.advance(seconds);
+    const changed = this.#pass(seconds) || moved;
     if (changed) this.#scene.change();
     if (changed || this.#changed) {
       this.#changed = false;
@@ -73,11 +74,23 @@ class Page {
     this.#showStats();
   }
 
+  /** Let a moving scene go on; true if it does. */
+  #pass(seconds) {
+    if (!this.#playing) return false;
+    this.#scene.time = (this.#scene.time + seconds / duration(this.#scene.header)) % 1;
+    this.#showTime();
+    return true;
+  }
+
   #heard(kind, value) {
     if (kind === "header") this.#open(this.#scene);
     if (kind === "progress") this.#progress(value);
     if (kind === "complete") this.#complete();
     if (kind === "error") this.#problem(value);
+    if (kind === "offered") this.#offer(value);
+    if (kind === "passed") this.#pass(value);
+    if (kind === "left") this.#scene.change();
+    if (kind === "refused") this.#problem(value, true);
     this.#changed = true;
   }
 
@@ -108,8 +121,16 @@ class Page {
     document.getElementById("poster")?.classList.add("gone");
   }
 
-  #problem(text) {
+  /** Show the kinds of headsets' sessions that this machine offers. */
+  #offer(kinds) {
+    document.body.classList.toggle("headset", kinds.length > 0);
+    for (const kind of ["vr", "ar"]) document.getElementById(kind).hidden = !kinds.includes(kind);
+  }
+
+  /** Say what is wrong; a passing problem is gone with the next press. */
+  #problem(text, passing = false) {
     const place = document.getElementById("problem");
+    this.#passing = passing;
     place.textContent = text;
     place.hidden = false;
     document.body.classList.remove("loading");
@@ -144,10 +165,16 @@ class Page {
     press("reset", () => this.#show(0));
     press("ask", () => this.#help());
     press("full", () => fullScreen());
+    for (const kind of ["vr", "ar"]) press(kind, () => this.#headset.toggle(kind));
     const slider = document.getElementById("time");
     slider.addEventListener("input", () => { this.#play(false); this.#seek(Number(slider.value)); });
     for (const name of ["pointermove", "pointerdown", "keydown", "wheel"]) {
       document.addEventListener(name, () => this.#awake(), { passive: true });
+    }
+    for (const name of ["pointerdown", "keydown"]) {
+      document.addEventListener(name, () => {
+        if (this.#passing) document.getElementById("problem").hidden = true;
+      });
     }
     if (!document.fullscreenEnabled) document.getElementById("full").hidden = true;
   }

@@ -57,23 +57,33 @@ class Renderer {
 
   get count() { return this.#count; }
 
-  draw(camera, time, background) {
-    const gl = this.#gl, { width, height } = this.canvas, at = this.#uniforms;
-    gl.viewport(0, 0, width, height);
-    gl.clearColor(...background, 1);
+  /** The context, for what a headset needs of it. */
+  get context() { return this.#gl; }
+
+  /**
+   * Draw what some eyes see, each in its part of a framebuffer: x, y, width and height in pixels.
+   * @param background red, green, blue, and how much it hides of what is behind the page.
+   * @param framebuffer null for the canvas.
+   */
+  draw(eyes, time, background, framebuffer = null) {
+    const gl = this.#gl, at = this.#uniforms;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.clearColor(...background);
     gl.clear(gl.COLOR_BUFFER_BIT);
     if (!this.#count) return;
-    const { focal, middle } = camera.projection(width, height);
-    gl.uniformMatrix3fv(at.rotation, true, camera.axes.flat());
-    gl.uniform3fv(at.eye, camera.position);
-    gl.uniform2fv(at.focal, focal);
-    gl.uniform2fv(at.middle, middle);
-    gl.uniform2f(at.size, width, height);
-    gl.uniform1f(at.near, camera.near);
     gl.uniform1f(at.time, time);
     gl.uniform1ui(at.count, this.#count);
     const groups = Math.ceil(this.#count / GROUP);
-    gl.drawElementsInstanced(gl.TRIANGLES, 6 * GROUP, gl.UNSIGNED_SHORT, 0, groups);
+    for (const { axes, position, near, focal, middle, part } of eyes) {
+      gl.viewport(...part);
+      gl.uniformMatrix3fv(at.rotation, true, axes.flat());
+      gl.uniform3fv(at.eye, position);
+      gl.uniform2fv(at.focal, focal);
+      gl.uniform2fv(at.middle, middle);
+      gl.uniform2f(at.size, part[2], part[3]);
+      gl.uniform1f(at.near, near);
+      gl.drawElementsInstanced(gl.TRIANGLES, 6 * GROUP, gl.UNSIGNED_SHORT, 0, groups);
+    }
   }
 
   #program(header) {

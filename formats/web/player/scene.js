@@ -17,6 +17,7 @@ class Scene {
     this.canvas = canvas;
     this.heard = heard;
     this.time = 0;
+    this.head = null;  // Of a visitor with a headset, who sees the scene instead of the page.
     this.milliseconds = 0;
     this.renderer = new Renderer(canvas);
     if (typeof DecompressionStream === "undefined") {
@@ -61,7 +62,17 @@ class Scene {
   }
 
   draw() {
-    if (this.camera) this.renderer.draw(this.camera, this.time, this.background);
+    if (!this.camera || this.head) return;
+    const { width, height } = this.canvas, { axes, position, near } = this.camera;
+    const lens = this.camera.projection(width, height);
+    const eye = { axes, position, near, ...lens, part: [0, 0, width, height] };
+    this.renderer.draw([eye], this.time, [...this.background, 1]);
+  }
+
+  /** Draw for a headset; the order is that of the head. */
+  drawFor(eyes, framebuffer, transparent) {
+    const background = transparent ? [0, 0, 0, 0] : [...this.background, 1];
+    this.renderer.draw(eyes, this.time, background, framebuffer);
   }
 
   /** A promise of the point of the scene at a place of the canvas, or of null. */
@@ -78,9 +89,9 @@ class Scene {
   #sort() {
     if (this.#sorting || !this.camera || this.#sorted === this.#wanted) return;
     this.#sorting = true;
-    const { position: eye, axes, near } = this.camera;
-    this.#worker.postMessage(
-      { kind: "sort", number: this.#wanted, eye, forward: axes[2], near, time: this.time });
+    const { position: eye, axes, near, most = this.limit } = this.head || this.camera;
+    const { time } = this, number = this.#wanted;
+    this.#worker.postMessage({ kind: "sort", number, eye, forward: axes[2], near, most, time });
   }
 
   #take(data) {

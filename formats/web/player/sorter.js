@@ -43,12 +43,13 @@ class Sorter {
   }
 
   /**
-   * Rows in front of the camera, the farthest first, and their number; by a counting sort over the bits of their
-   * depths: as integers, positive floats keep their order, and equal steps of them are equal
-   * ratios, so that a far sky takes nothing from the precision near by.
+   * Rows in front of the camera, the farthest first, and their number; of the first
+   * `most` rows. A counting sort over the bits of their depths: as integers, positive floats
+   * keep their order, and equal steps of them are equal ratios, so that a far sky takes nothing
+   * from the precision near by.
    */
-  sort({ eye, forward, near, time }) {
-    const { positions, motion, count } = this;
+  sort({ eye, forward, near, most, time }) {
+    const { positions, motion } = this, count = Math.min(this.count, most);
     const depths = this.#depths, bits = this.#bits, members = this.#members;
     const [fx, fy, fz] = forward;
     const shift = fx * eye[0] + fy * eye[1] + fz * eye[2];

@@ -31,7 +31,9 @@ def test_a_folder_holds_the_page_the_scene_and_what_embeds_it(tmp_path):
         "gsfw-scene.js",
     }
     assert len(read_scene((site / "scene.bin").read_bytes()).splats) == 200
-    assert 'title="Räume"' in (site / "embed.html").read_text(encoding="utf-8")
+    snippet = (site / "embed.html").read_text(encoding="utf-8")
+    assert 'title="Räume"' in snippet
+    assert 'allow="fullscreen; xr-spatial-tracking"' in snippet
     assert "scene.bin" in (site / "README.txt").read_text(encoding="utf-8")
 
 
@@ -127,6 +129,7 @@ def test_the_element_shows_the_scene_in_another_page(browser, tmp_path):
         page.wait_for(f"{frame}.contentWindow.gsfw?.ready.then(() => true)")
         assert page.evaluate(f"{frame}.title") == "A ball"
         assert page.evaluate(f"{frame}.contentWindow.gsfw.stats().splats") == 100
+        assert page.evaluate(f"{frame}.allow") == "fullscreen; xr-spatial-tracking"
         assert page.evaluate(f"{frame}.src").endswith("/site/index.html?budget=5000")
         box = page.evaluate(f"[{frame}.clientWidth, {frame}.clientHeight]")
         assert box[0] / box[1] == pytest.approx(16 / 9, rel=0.01)

@@ -109,10 +109,13 @@ def test_the_poster_and_the_background_are_those_of_the_source(tmp_path):
 
 
 def test_options_replace_what_the_source_says(tmp_path):
-    text = page(tmp_path, shown(ball(count=50)), title="Mine", background="0.5,0,0", sh_degree=1)
+    text = page(
+        tmp_path, shown(ball(count=50)), title="Mine", background="0.5,0,0", sh_degree=1, metre=2.5
+    )
     header = read_scene(payload(text)).header
     assert Elements(text).inside["title"] == ["Mine"]
     assert (header["background"], header["degree"]) == ([0.5, 0.0, 0.0], 1)
+    assert header["metre"] == 2.5
 
 
 def test_wrong_options_are_refused_before_anything_is_written():
@@ -120,6 +123,8 @@ def test_wrong_options_are_refused_before_anything_is_written():
         HtmlExporter(background="red")
     with pytest.raises(ConfigError, match=r"format\.sh_degree=-1: expected 0 to 4"):
         HtmlExporter(sh_degree=-1)
+    with pytest.raises(ConfigError, match=r"format\.metre=-1\.0: expected how many world units"):
+        HtmlExporter(metre=-1.0)
 
 
 def test_a_page_that_fails_leaves_no_file(tmp_path):

@@ -19,7 +19,7 @@ FLOAT24 = 2.0**-16
 
 
 def stored(source, degree=4, background=""):
-    return b"".join(scene_file(Shown.of(source, "", background, degree)))
+    return b"".join(scene_file(Shown.of(source, "", background, degree, metre=0.0)))
 
 
 def in_order(content):
