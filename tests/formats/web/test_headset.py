@@ -69,7 +69,9 @@ def test_each_eye_sees_what_the_rasterizer_draws_for_it(page, headset, tmp_path)
     with watching(page, write(tmp_path, content)):
         headset.enter()
         room = room_at(cameras(1), START)
-        for head in (START, pose([0.1, 1.2, -0.5], yaw=0.5, pitch=0.45)):
+        beyond = START[:3, 3] - 4 * pose([0, 0, 0], yaw=0.7)[:3, 2]
+        behind = pose(beyond, yaw=0.7 + np.pi, pitch=0.4)
+        for head in (START, pose([0.1, 1.2, -0.5], yaw=0.5, pitch=0.45), behind):
             found, expected = headset.look(head), seen(content.splats, head, room)
             for image, drawn in zip(found, expected, strict=True):
                 assert drawn.std() > 0.1
