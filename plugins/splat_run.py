@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.batch import Batch
@@ -23,6 +23,7 @@ from gsfw.core.exchange import SplatFile
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.maths.axes import known_or_usual_up
 from gsfw.core.maths.camera_path import look_at
+from gsfw.core.maths.inner_box import inner_box
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
@@ -45,9 +46,6 @@ WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
 
 DISTANCE, RISE = 2.2, 0.5
 """Distance of the cameras, and their height above the middle, in sizes of the scene."""
-
-OUTSIDE = 0.02
-"""Part of the Gaussians that may lie outside of the scene, on each side: they float far away."""
 
 
 def open_splats(path: Path, registry: Registry, changed: Layer | None) -> Restored:
@@ -153,12 +151,6 @@ class _SplatCapture(StoredCapture):
             f"{self._source} holds splats, and no images to compare with.",
             f"Render what needs none: gsfw render {shell_argument(self._source)} what=orbit",
         )
-
-
-def inner_box(means: Float[Tensor, "n 3"]) -> Float64[Tensor, "2 3"]:
-    """The lowest and the highest corner of the box of nearly all Gaussians (``OUTSIDE``)."""
-    sample = means.double()[:: len(means) // 100_000 + 1]
-    return torch.quantile(sample, torch.tensor([OUTSIDE, 1 - OUTSIDE]).double(), dim=0)
 
 
 def _scene(name: str, content: SplatFile) -> Scene:

@@ -12,13 +12,11 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.maths.axes import known_axis
 from gsfw.core.maths.camera_path import gathered, up_direction, viewing_center
+from gsfw.core.maths.inner_box import inner_box
 from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 from gsfw.viewer.view_state import Box, Pose, Vector
 from gsfw.viewer.viewed_model import ViewedModel
-
-OUTSIDE = 0.02
-"""Part of the Gaussians that may lie outside the scene on each side: they float far away."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +68,7 @@ def _bounds(splats: Splats) -> Box:
     means = means[means.isfinite().all(1)]
     if not len(means):
         return Box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-    means = means[:: len(means) // 100_000 + 1]
-    low, high = torch.quantile(means, torch.tensor([OUTSIDE, 1 - OUTSIDE]), dim=0)
+    low, high = inner_box(means)
     return Box(_vector(low), _vector(high))
 
 
