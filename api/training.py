@@ -17,6 +17,7 @@ from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
+from gsfw.core.sky import Sky
 from gsfw.core.table import SplatTable
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "Rows",
     "Sampler",
     "Scene",
+    "Sky",
     "SplatTable",
     "StepContext",
     "ViewContext",

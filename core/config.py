@@ -258,6 +258,8 @@ class MethodConfig(ABC):
     """Initial splats: auto (points if any), points, random, dense (from the images), or a file."""
     dense_points: int = number(0, at_least=0)
     """Maximum number of points of init=dense; 0: half as many as a training view has pixels."""
+    sky: bool = False
+    """Begin with a sphere of splats far behind everything, where views agree (outdoor captures)."""
     downscale: float = number(1.0, at_least=1, below=math.inf)
     """Shrink images by this factor (area filter); 2 halves the width and the height."""
     background: str = AUTO

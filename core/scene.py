@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.maths.similarity import Similarity
+from gsfw.core.sky import Sky
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Scene:
     """Unit vectors of the training cameras' viewing directions; ``None`` when unknown."""
     view_pixels: int = 0
     """Pixels of a training view at the size it is trained on, as a median; 0 when unknown."""
+    sky: Sky | None = None
+    """The sphere of the sky under ``sky=true``; ``None`` if the run has none."""
 
     @property
     def is_dynamic(self) -> bool:

@@ -17,11 +17,10 @@ from gsfw.planning.asked import Asked
 from gsfw.planning.speed import Speed
 from gsfw.planning.trial import seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
-from gsfw.plugins.dense_points import FoundSurface
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
-from gsfw.plugins.start import find_surface
+from gsfw.plugins.start import FoundPoints, find_points
 
 TRIAL_PIXELS = 500_000
 """Pixels of the images of a first look at most: larger ones take seconds a step, and a plan for a
@@ -40,14 +39,14 @@ dense points, fox 1.8 from its 12,000 points; it is a guess, which the pace corr
 
 @dataclass
 class Measurement:
-    """Measures one plan's runs, which share their data and the surface that stereo finds in it."""
+    """Measures one plan's runs, which share their data and the points that are found in it."""
 
     registry: Registry
     clock: MachineClock
     data: DataManager
     """The capture, at the image size of the latest run."""
-    surface: FoundSurface | None = None
-    """Points by stereo; ``None`` as long as no run starts from them."""
+    found: FoundPoints | None = None
+    """Points found in its images; ``None`` before the first run."""
 
     def run(
         self,
@@ -70,7 +69,7 @@ class Measurement:
         Raises:
             ConfigError: the time that the user gave has passed before any step.
         """
-        self.surface = find_surface(settings, self.registry, self.data, self.surface)
+        self.found = find_points(settings, self.registry, self.data, self.found)
         began, work = self.clock.seconds(), self.clock.work()
         with fitting or nullcontext():
             composition = self.composed(settings)
@@ -99,8 +98,8 @@ class Measurement:
         )
 
     def composed(self, settings: Settings) -> Composition:
-        """The run, with the data and the surface that are known."""
-        return compose(settings, self.registry, data=self.data, surface=self.surface)
+        """The run, with the data and the points that are known."""
+        return compose(settings, self.registry, data=self.data, found=self.found)
 
     def resize(self, settings: Settings) -> None:
         """Open the data again, at the image size of the settings."""

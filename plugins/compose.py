@@ -52,7 +52,6 @@ from gsfw.core.team import Team
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer
-from gsfw.plugins.dense_points import FoundSurface
 from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.initial_splats import check_initial, read_initial
 from gsfw.plugins.loading import check_built, choose_operators, make_metrics
@@ -60,7 +59,7 @@ from gsfw.plugins.memory_fit import MemoryFit
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry, registered_as
 from gsfw.plugins.settings import Settings
-from gsfw.plugins.start import find_surface, start_of
+from gsfw.plugins.start import FoundPoints, find_points, start_of
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,8 @@ class Composition:
     remarks: tuple[str, ...] = ()
     """Notes on the start; preferred rasterizers that cannot run, and the causes; the cause of an
     unused GPU."""
-    surface: FoundSurface | None = None
-    """The surface that it starts from, for other runs on the capture."""
+    found: FoundPoints | None = None
+    """The points that it starts from, for other runs on the capture."""
 
     @property
     def scene(self) -> Scene:
@@ -229,7 +228,7 @@ def compose(
     registry: Registry,
     restoring: bool = False,
     data: DataManager | None = None,
-    surface: FoundSurface | None = None,
+    found: FoundPoints | None = None,
     initial: Splats | None = None,
 ) -> Composition:
     """Check and build a run.
@@ -239,7 +238,7 @@ def compose(
         registry: the installed parts.
         restoring: true if a checkpoint follows, so that initial splats are not needed.
         data: replaces the data set of the settings; ``None`` opens that one.
-        surface: of the capture, where it is known; ``None``: stereo finds it if it is needed.
+        found: points of the capture, where they are known; others are found if they are needed.
         initial: splats of ``init=FILE`` in the scene frame, float32; ``None`` reads them.
 
     Raises:
@@ -259,8 +258,8 @@ def compose(
     check_data(settings, registry, data, method)
     corrections = make_corrections(settings.config, data).to(device)
     data = data if corrections.poses is None else RefinedCapture(data, corrections.poses)
-    surface = find_surface(settings, registry, data, surface)
-    start = start_of(settings, data.scene, surface)
+    found = FoundPoints() if restoring else find_points(settings, registry, data, found)
+    start = start_of(settings, data.scene, found)
     fit = MemoryFit(settings, data, device, is_new=not restoring and initial is None)
     with stage("building the model"):
         if initial is None:
@@ -273,7 +272,7 @@ def compose(
     remarks = (*start.notes, *fit.notes(), *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=checked_settings(method, plan.settings, None))
-    return Composition(settings, parts, plan, (*remarks, *untrained_notes(parts.model)), surface)
+    return Composition(settings, parts, plan, (*remarks, *untrained_notes(parts.model)), found)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:

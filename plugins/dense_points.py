@@ -47,14 +47,6 @@ BACKGROUND_TOLERANCE = 0.015
 
 
 @dataclass(frozen=True)
-class FoundSurface:
-    """Points of a capture by stereo; the same for all runs on it, whatever their image size."""
-
-    points: SurfacePoints | str
-    """All points, or in a clause why there are too few."""
-
-
-@dataclass(frozen=True)
 class DenseStart:
     """The scene to start from, and what is to be said about it."""
 
@@ -104,7 +96,7 @@ def dense_surface(
     chosen = chosen_views(views)
     if len(chosen) < 2:
         return f"{scene.name!r} has {len(chosen)} pinhole cameras at one time, not two"
-    together = _images(data, views, chosen, background)
+    together = small_views(data, chosen, background)
     with stage("looking for surfaces in the images"):
         found = surface_points(together, scene.points, _bounds(scene), operators)
     if len(found) >= LEAST_POINTS and found.confirmed >= LEAST_SHARE:
@@ -132,10 +124,15 @@ def _as_it_was(scene: Scene, cause: str) -> DenseStart:
     return DenseStart(scene, (f"init=dense: {cause}; starting from {instead}.",))
 
 
-def chosen_views(views: Views) -> list[int]:
-    """Pinhole views of the first time with the most of them; all of a static capture."""
+def chosen_views(views: Views, any_time: bool = False) -> list[int]:
+    """Pinhole views of the first time with the most of them; all of a static capture.
+
+    Args:
+        views: of the capture.
+        any_time: true for views of all times.
+    """
     rows = [i for i, camera in enumerate(views.cameras) if camera.model is CameraModel.PINHOLE]
-    if views.times is not None and rows:
+    if views.times is not None and rows and not any_time:
         counts = Counter(views.times[row] for row in rows)
         time = min(counts, key=lambda each: (-counts[each], each))
         rows = [row for row in rows if views.times[row] == time]
@@ -151,16 +148,20 @@ def _bounds(scene: Scene) -> tuple[float, float]:
     return near * unit, far * unit
 
 
-def _images(
-    data: DataManager,
-    views: Views,
-    chosen: Sequence[int],
-    background: Float[Tensor, " 3"] | None,
+def small_views(
+    data: DataManager, chosen: Sequence[int], background: Float[Tensor, " 3"] | None
 ) -> StereoViews:
-    """Small images of the chosen views, and their cameras."""
+    """Small images of training views, and their cameras.
+
+    Args:
+        data: the capture, at the size of ``dense_downscale``.
+        chosen: pinhole views, at least one.
+        background: colour of pixels that show no surface; ``None`` if that is not known.
+    """
+    views = data.views(Split.TRAIN)
     pixels, parts = min(VIEW_PIXELS, MOST_PIXELS // len(chosen)), []
     data.prefetch(Split.TRAIN, chosen)
-    for view in tracked(chosen, "reading images for surfaces", len(chosen)):
+    for view in tracked(chosen, "reading small images", len(chosen)):
         (batch,) = data.load(Split.TRAIN, (view,), torch.device("cpu"))
         parts.append(_image(batch, views.cameras[view], background).shrunk(pixels))
     return StereoViews(

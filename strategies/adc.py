@@ -44,7 +44,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.step_settings import steps_field
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
 from gsfw.strategies.opacity_reset import OpacityReset
-from gsfw.strategies.rounds import COPIES, DensityRefiner, RefinementRounds
+from gsfw.strategies.rounds import COPIES, POSITIONS, DensityRefiner, RefinementRounds
 
 
 @dataclass
@@ -129,6 +129,7 @@ class AdaptiveDensityControl(DensityRefiner):
     def __init__(self, config: AdcConfig, scene: Scene, rounds: RefinementRounds) -> None:
         super().__init__(rounds)
         self._config, self._extent, self._num_times = config, scene.extent, scene.num_times
+        self._sky = scene.sky
         self._may_grow = True
 
     def statistics(self, step: int) -> frozenset[Statistic]:
@@ -222,10 +223,18 @@ class AdaptiveDensityControl(DensityRefiner):
         if lifetimes is not None:
             kept &= lifetimes * self._num_times >= config.prune_lifetime
         if prunes_large and config.prune_size > 0:
-            kept = _without(kept, model.sizes() > config.prune_size * self._extent)
+            kept = _without(kept, self._oversized(model))
         if prunes_large and config.prune_radius > 0:
             kept = _without(kept, radii > config.prune_radius)
         return kept
+
+    def _oversized(self, model: DensifiableModel) -> Bool[Tensor, " n"]:
+        """Rows that are too large for the scene; those of the sky are as large as it is far."""
+        large = model.sizes() > self._config.prune_size * self._extent
+        positions = model.columns().get(POSITIONS)
+        if self._sky is None or positions is None:
+            return large
+        return large & ~self._sky.holds(positions.values)
 
     def state_dict(self) -> dict[str, Any]:
         """The sums since the last change of rows, and the end of growth by others."""

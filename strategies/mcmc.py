@@ -32,10 +32,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.step_settings import steps_field
 from gsfw.core.table import SplatTable
-from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
-
-POSITIONS = "means"
-"""The column whose learning rate the noise follows."""
+from gsfw.strategies.rounds import POSITIONS, DensityRefiner, RefinementRounds
 
 
 @dataclass

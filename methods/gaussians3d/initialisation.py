@@ -16,6 +16,7 @@ from gsfw.core.maths.focus import CAMERA_CLEARANCE, OBJECT_SIZE, object_place
 from gsfw.core.maths.spherical_harmonics import num_coefficients, rgb_to_dc
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
+from gsfw.core.sky import Sky
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.model import GaussianParameters
 
@@ -30,6 +31,9 @@ MIN_SCALE = 1e-10
 ROOM_SIZE = 3.0
 """Half of the box of any other scene's random points, in extents: it includes the background behind
 the objects that the cameras surround."""
+SKY_OPACITY = 0.9
+"""Initial opacity of the sky, which nothing is behind: with 0.1 near splats take its colours first
+(0.8 dB less on an outdoor capture after 600 steps)."""
 CHUNK = 65_536
 
 
@@ -109,6 +113,23 @@ def from_points(
         opacity_logits=torch.full((count,), opacity).logit(),
         sh=sh,
     )
+
+
+def with_sky(
+    start: GaussianParameters, sky: Sky, sh_degree: int, operators: Operators
+) -> GaussianParameters:
+    """Append one opaque Gaussian at each point of a sky."""
+    far = from_points(
+        sky.points,
+        sky.colors,
+        extent=sky.radius,
+        scale=1.0,
+        opacity=SKY_OPACITY,
+        sh_degree=sh_degree,
+        operators=operators,
+    )
+    joined = {name: torch.cat([part, vars(far)[name]]) for name, part in vars(start).items()}
+    return GaussianParameters(**joined)
 
 
 def _spacing(distances: Float[Tensor, "p k"], extent: float) -> Float[Tensor, " p"]:

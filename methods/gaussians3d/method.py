@@ -35,6 +35,7 @@ from gsfw.methods.gaussians3d.initialisation import (
     from_splats,
     random_points,
     usable_points,
+    with_sky,
 )
 from gsfw.methods.gaussians3d.model import GaussianParameters, StaticGaussians
 from gsfw.methods.gaussians3d.opacity_penalty import OpacityPenalty
@@ -188,7 +189,7 @@ class StaticGaussiansMethod(Method):
         if self.starts_at_random(points):
             count = self.random_points(scene)
             points, colors = random_points(scene, count, generator, config.random_region)
-        return from_points(
+        start = from_points(
             points,
             colors,
             extent=scene.extent,
@@ -197,6 +198,9 @@ class StaticGaussiansMethod(Method):
             sh_degree=config.sh_degree,
             operators=operators,
         )
+        if scene.sky is None or len(scene.sky) == 0:
+            return start
+        return with_sky(start, scene.sky, config.sh_degree, operators)
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """(1 - w) L1 + w (1 - SSIM): equation 7, with D-SSIM as in the released code.

@@ -102,11 +102,17 @@ class MovingMethod(Method):
         return torch.rand(count, generator=generator)
 
     def _point_times(self, scene: Scene) -> Float[Tensor, " p"] | None:
-        """Capture time of each initial point; ``None`` if unknown, or without points."""
+        """Capture time of each initial point; ``None`` if unknown, or without points.
+
+        Those of the sky are in the middle of the sequence.
+        """
         if scene.point_times is None:
             return None
         rows = usable_rows(scene)[0]
-        return None if self.canonical.starts_at_random(rows) else scene.point_times[rows]
+        if self.canonical.starts_at_random(rows):
+            return None
+        sky = torch.full((0 if scene.sky is None else len(scene.sky),), 0.5)
+        return torch.cat([scene.point_times[rows], sky])
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None

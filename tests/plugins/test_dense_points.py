@@ -197,5 +197,5 @@ def test_a_surface_that_was_found_for_one_image_size_serves_another(monkeypatch)
     monkeypatch.setattr("gsfw.plugins.start.dense_surface", None)  # It is not called.
     registry = installed()
     small = replace(first.settings, config=replace(first.settings.config, downscale=2.0))
-    again = compose(small, registry, surface=first.surface)
+    again = compose(small, registry, found=first.found)
     assert again.parts.model.num_rows == 48 * 36 // 2

@@ -12,6 +12,7 @@ from support.states import assert_same_bits
 from gsfw.core.capabilities import Feature
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
+from gsfw.core.sky import empty_sky
 from gsfw.core.step_settings import step_settings
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.gaussians3d.initialisation import from_splats
@@ -154,6 +155,21 @@ def test_a_model_that_is_coarse_as_a_whole_keeps_its_large_rows(size):
     radii = [21.0] * (2 + most) + [1.0] * (3 - most)
     counts, _ = refined(adc, model, [LOW] * 5, step=29, radii=radii)
     assert counts["pruned"] == (0 if most else 2)
+
+
+def test_large_rows_of_the_sky_are_kept():
+    """They are as large as the sky is far away: 3dgs would remove all of it at the first reset."""
+    model = gaussians(6)
+    set_rows(model, [0.5] * 6, [0.5 * EXTENT] * 2 + [SMALL] * 4)
+    sky = empty_sky(torch.zeros(1, 3), EXTENT, torch.zeros(0, 3))
+    with torch.no_grad():
+        model.means.values[0] = torch.tensor([0.0, 0.0, sky.radius])
+    config = replace(SETTINGS, reset_every=20)
+    adc = StrategyRun(config, replace(toy_scene(), sky=sky))
+    counts, _ = refined(adc, model, [LOW] * 6, step=29)
+    assert counts["pruned"] == 1
+    assert model.num_rows == 5
+    assert model.means.values[0, 2] == sky.radius
 
 
 def test_large_rows_stay_where_all_others_are_transparent():

@@ -1,0 +1,86 @@
+"""Directions in which the views of a capture see the sky: where they agree at infinite distance.
+
+A camera's position does not change what it sees of the sky, so a direction has the same colour in
+every view that no surface hides it from. Directions of near surfaces have different colours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from gsfw.core.sky import Sky
+from gsfw.core.stereo.views import StereoViews
+
+PIXELS_APART = 6.0
+"""Distance of neighbouring directions, in pixels of the views. Skies are smooth, and splats are
+split where they are not."""
+MOST_DIRECTIONS = 200_000
+"""Directions of the whole sphere, at most: more for cameras with a narrow field of view."""
+CHUNK = 20_000
+"""Directions that are compared at a time, which bounds memory."""
+TOLERANCE = 0.06
+"""Largest difference of a channel from the median of all views that agrees with it."""
+LEAST_VIEWS = 2
+"""Views that have to see a direction."""
+AGREEING_SHARE = 0.5
+"""Least share of these views that agree; a surface hides the direction from the others."""
+LEAST_POINTS = 20
+"""With fewer directions there is no sky."""
+
+
+def found_sky(views: StereoViews, sphere: Sky) -> Sky | str:
+    """The sphere with points where views agree, or in a clause why it has none.
+
+    Args:
+        views: images of any times.
+        sphere: the sky without points.
+    """
+    if len(views) < LEAST_VIEWS:
+        return f"it takes {LEAST_VIEWS} pinhole cameras, and there are {len(views)}"
+    directions = even_directions(_number(views))
+    parts = [_agreed(views, part) for part in directions.split(CHUNK)]
+    kept, colors = (torch.cat(each) for each in zip(*parts, strict=True))
+    if len(kept) < LEAST_POINTS:
+        return f"views agree on {len(kept)} of {len(directions):,} directions"
+    points = sphere.center.double() + sphere.radius * kept
+    return replace(sphere, points=points.to(sphere.center), colors=colors)
+
+
+def even_directions(count: int) -> Float64[Tensor, "count 3"]:
+    """Unit vectors that are evenly spread over the sphere, along a spiral (Vogel 1979)."""
+    number = torch.arange(count, dtype=torch.float64) + 0.5
+    height = 1.0 - 2.0 * number / count
+    angle = math.pi * (1.0 + math.sqrt(5.0)) * number
+    across = (1.0 - height.square()).sqrt()
+    return torch.stack([across * angle.cos(), across * angle.sin(), height], dim=1)
+
+
+def _number(views: StereoViews) -> int:
+    """Directions of the whole sphere, so that neighbours are ``PIXELS_APART`` in a usual view."""
+    focal = float(views.intrinsics[:, 0, 0].median())
+    return min(math.ceil(4.0 * math.pi * (focal / PIXELS_APART) ** 2), MOST_DIRECTIONS)
+
+
+def _agreed(
+    views: StereoViews, directions: Float64[Tensor, "d 3"]
+) -> tuple[Float64[Tensor, "s 3"], Float[Tensor, "s 3"]]:
+    """The directions on which enough views agree, and their median colours."""
+    colors = torch.full((len(views), len(directions), 3), math.nan)
+    for view in range(len(views)):
+        # A place at infinity: the position of the camera has no effect.
+        pixels, _, seen = views.project(view, directions + views.centers[view])
+        column, row = pixels[seen].long().T
+        known = ~views.unknown[view][row, column]
+        places = seen.nonzero()[:, 0][known]
+        colors[view, places] = views.colors[view][row[known], column[known]]
+    median = colors.nanmedian(dim=0).values
+    seeing = (~colors[:, :, 0].isnan()).sum(dim=0)
+    # Comparisons with NaN are false.
+    agreeing = ((colors - median).abs().amax(dim=2) < TOLERANCE).sum(dim=0)
+    kept = (seeing >= LEAST_VIEWS) & (agreeing >= AGREEING_SHARE * seeing)
+    return directions[kept], median[kept]
