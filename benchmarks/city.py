@@ -35,7 +35,8 @@ from printing import say
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import render_model
-from gsfw.datamanagers.synthetic.raycast import one_thread, rays
+from gsfw.core.one_thread import one_thread
+from gsfw.datamanagers.synthetic.raycast import rays
 from gsfw.partition.document import Partition, read_partition
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored

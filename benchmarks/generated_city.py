@@ -19,8 +19,9 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.color_bytes import color_bytes
 from gsfw.core.files.ply_file import ply_header
+from gsfw.core.one_thread import one_thread
 from gsfw.datamanagers.synthetic.motion import Pose, Still
-from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays
+from gsfw.datamanagers.synthetic.raycast import photograph, rays
 from gsfw.datamanagers.synthetic.scene import Solid, SyntheticScene, solids
 from gsfw.datamanagers.synthetic.shapes import Box
 from gsfw.datamanagers.synthetic.textures import Checker, Waves

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gsfw.core.exchange import Exporter, ExportSource, SplatFile
+from gsfw.core.one_thread import one_thread
 from gsfw.lod.build import build
 from gsfw.lod.file import Header, write_tree
 from gsfw.lod.nodes import TreeInMemory
@@ -26,6 +27,7 @@ class LodExporter(Exporter):
         write_tree(path, *tree_of(source.splat_file()))
 
 
+@one_thread()
 def tree_of(content: SplatFile) -> tuple[TreeInMemory, Header]:
     """The tree of a set of splats, in a frame around their median, and the facts about it.
 

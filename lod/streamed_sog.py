@@ -9,6 +9,7 @@ does not state are from what splat-transform 3.7.0 (PlayCanvas, MIT) writes and 
 from __future__ import annotations
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +27,8 @@ from gsfw.core.files.atomic import PLACE, folder_or_nothing, write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.rotations import unit_matrices
+from gsfw.core.one_thread import one_thread
+from gsfw.core.progress import tracked
 from gsfw.core.ranges import number
 from gsfw.core.splats import Splats
 from gsfw.formats.sog.container import META
@@ -83,15 +86,31 @@ class StreamedSogExporter(Exporter):
         _check_folder(path)
         with folder_or_nothing(path):
             (path / INDEX).unlink(missing_ok=True)
-            index = _Index(regions)
-            for level in range(regions.levels):
-                for place, part in enumerate(regions.files(level)):
-                    name = f"{level}_{place}"
-                    splats = _splats(regions, header, level, part)
-                    index.add(f"{name}/{META}", level, part, splats)
-                    self._write_file(path / name, splat_file(splats, header))
+            index = self._write_files(path, regions, header)
             write_atomically(path / INDEX, json_text(index.document()).encode())
             self._remove_older(path, {Path(file).parent.name for file in index.files})
+
+    def _write_files(self, path: Path, regions: Regions, header: Header) -> _Index:
+        """Write the files of all levels, several at a time; return the index of them."""
+        files = [
+            (level, place, part)
+            for level in range(regions.levels)
+            for place, part in enumerate(regions.files(level))
+        ]
+
+        def write(level: int, place: int, part: range) -> Boxes:
+            with one_thread():
+                splats = _splats(regions, header, level, part)
+                self._write_file(path / f"{level}_{place}", splat_file(splats, header))
+                return _boxes(regions, level, part, splats)
+
+        index = _Index(regions)
+        with one_thread() as count, ThreadPoolExecutor(count, "gsfw-streamed-sog") as threads:
+            written = threads.map(write, *zip(*files, strict=True))
+            written = tracked(written, "writing levels of detail", len(files))
+            for (level, place, part), boxes in zip(files, written, strict=True):
+                index.add(f"{level}_{place}/{META}", level, part, boxes)
+        return index
 
     @staticmethod
     def _remove_older(path: Path, names: set[str]) -> None:
@@ -134,6 +153,22 @@ def _splats(regions: Regions, header: Header, level: int, part: range) -> Splats
     return transform_splats(nodes.splats(), world_from_tree(header))
 
 
+Boxes = tuple[Float64[np.ndarray, "r 3"], Float64[np.ndarray, "r 3"]]
+"""Lower and upper corners of the boxes of some regions in a level."""
+
+
+def _boxes(regions: Regions, level: int, part: range, splats: Splats) -> Boxes:
+    """The boxes of the regions of a file."""
+    first = regions.nodes(level, part).start
+    starts = [regions.nodes(level, range(each, each + 1)).start - first for each in part]
+    means, seen = splats.means.numpy(), _halves(splats)
+    low, high = (
+        np.minimum.reduceat(means - seen, starts),
+        np.maximum.reduceat(means + seen, starts),
+    )
+    return low, high
+
+
 @dataclass
 class _Index:
     """The index, as files are added to it."""
@@ -147,23 +182,18 @@ class _Index:
         self._low, self._high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
         self._lods: list[dict[str, dict[str, int]]] = [{} for _ in range(count)]
 
-    def add(self, file: str, level: int, part: range, splats: Splats) -> None:
+    def add(self, file: str, level: int, part: range, boxes: Boxes) -> None:
         """Add a file that has the splats of some regions in a level."""
         first = self.regions.nodes(level, part).start
-        offsets = []
         for region in part:
             rows = self.regions.nodes(level, range(region, region + 1))
-            offsets.append(rows.start - first)
             self._lods[region][str(level)] = {
                 "file": len(self.files),
-                "offset": offsets[-1],
+                "offset": rows.start - first,
                 "count": len(rows),
             }
         self.files.append(file)
-        places, seen = slice(part.start, part.stop), _halves(splats)
-        means = splats.means.numpy()
-        low = np.minimum.reduceat(means - seen, offsets)
-        high = np.maximum.reduceat(means + seen, offsets)
+        places, (low, high) = slice(part.start, part.stop), boxes
         self._low[places] = np.minimum(self._low[places], low)
         self._high[places] = np.maximum(self._high[places], high)
 

@@ -21,6 +21,8 @@ import numpy as np
 import torch
 from jaxtyping import Float, Float32, Float64, Int32, Int64
 
+from gsfw.core.one_thread import one_thread
+
 LONGEST = 2364
 """Longest vector on the grid, in its cells. With |x| and |c| up to it, every partial sum of
 x . c - c . c / 2 is a multiple of 1/2 below 2^23, and float32 holds all of these."""
@@ -123,18 +125,9 @@ def k_means(
 
 @contextmanager
 def _threads() -> Iterator[Executor]:
-    """A pool of torch's number of threads, within each of which torch uses only that one.
-
-    The work is many short operations, in each of which torch's own threads would wait for one
-    another: where other programs use the cores too, that takes four times the processor time.
-    """
-    count = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with ThreadPoolExecutor(count, "gsfw-k-means") as threads:
-            yield threads
-    finally:
-        torch.set_num_threads(count)
+    """A pool of the threads that torch would use, within each of which torch uses only that one."""
+    with one_thread() as count, ThreadPoolExecutor(count, "gsfw-k-means") as threads:
+        yield threads
 
 
 def _whole_weights(
@@ -308,9 +301,16 @@ def _rows_by_label(
     labels: Int64[np.ndarray, " n"] | Int32[np.ndarray, " n"], count: int
 ) -> Iterator[Int64[np.ndarray, " _"]]:
     """The rows with each label, in their order."""
-    order = np.argsort(labels, kind="stable")
+    order = _order(labels, count)
     ends = np.cumsum(np.bincount(labels, minlength=count))[:-1]
     yield from np.split(order, ends)
+
+
+def _order(
+    labels: Int64[np.ndarray, " n"] | Int32[np.ndarray, " n"], count: int
+) -> Int64[np.ndarray, " n"]:
+    """Rows by label; labels of one or two bytes are sorted by their digits, in linear time."""
+    return np.argsort(labels.astype(np.min_scalar_type(count - 1)), kind="stable")
 
 
 def _means(
@@ -320,7 +320,7 @@ def _means(
     count: int,
 ) -> tuple[Float32[np.ndarray, "k d"], np.ndarray]:
     """Weighted mean of the vectors with each label, and which labels there are."""
-    order = np.argsort(labels, kind="stable")
+    order = _order(labels, count)
     filled = np.bincount(labels, minlength=count) > 0
     ordered = labels[order]
     starts = np.flatnonzero(np.diff(ordered, prepend=-1))

@@ -13,6 +13,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.maths.similarity import Similarity
+from gsfw.core.one_thread import one_thread
 from gsfw.core.scene import Scene
 from gsfw.datamanagers.image_cache import ImageCache
 from gsfw.datamanagers.images import DecodedImage
@@ -20,7 +21,7 @@ from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
-from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays, show_change
+from gsfw.datamanagers.synthetic.raycast import photograph, rays, show_change
 from gsfw.datamanagers.synthetic.scene import Solid, SyntheticScene, solids
 from gsfw.datamanagers.synthetic.tracks import Marks, Tracks
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from threading import Lock
+from collections.abc import Sequence
 
 import torch
 from jaxtyping import Bool, Float, Int, UInt8
@@ -56,41 +53,6 @@ def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n
     seen = pose[:3, :3] @ points + pose[:3, 3:]
     matrix = camera.intrinsics[0].to(points)
     return seen[:2] / seen[2] * matrix.diagonal()[:2, None] + matrix[:2, 2:]
-
-
-@dataclass
-class _Casting:
-    """Calls that cast rays now, and the threads of torch before the first of them.
-
-    A new thread takes over the number that another one has set, so that the calls themselves
-    cannot remember it.
-    """
-
-    calls: int = 0
-    threads: int = 1
-
-
-_casting, _LOCK = _Casting(), Lock()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Cast rays in the calling thread alone.
-
-    The work is many short operations, in each of which torch's threads would wait for one another
-    (for seconds, where other programs use the cores too); and bits do not depend on their number.
-    """
-    with _LOCK:
-        if _casting.calls == 0:
-            _casting.threads = torch.get_num_threads()
-        _casting.calls += 1
-        torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        with _LOCK:
-            _casting.calls -= 1
-            torch.set_num_threads(_casting.threads)
 
 
 def photograph(scene: SyntheticScene, camera: Cameras) -> UInt8[Tensor, "h w 4"]:

@@ -143,9 +143,13 @@ def test_a_scene_of_one_splat_has_one_level(tmp_path):
     assert index(tmp_path)["tree"]["lods"] == {"0": {"file": 0, "offset": 0, "count": 1}}
 
 
-def test_the_same_splats_give_the_same_bytes(content, tmp_path):
-    for name in "ab":
-        StreamedSogExporter(num_levels=1).write(tmp_path / name, content)
+def test_the_same_splats_give_the_same_bytes_with_any_number_of_threads(content, tmp_path):
+    before = torch.get_num_threads()
+    for name, threads in ("a", 1), ("b", 3):
+        torch.set_num_threads(threads)
+        StreamedSogExporter(**SMALL).write(tmp_path / name, content)
+        assert torch.get_num_threads() == threads
+    torch.set_num_threads(before)
     for path in (tmp_path / "a").rglob("*.*"):
         assert (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes() == path.read_bytes()
 

@@ -14,8 +14,9 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
+from gsfw.core.one_thread import one_thread
 from gsfw.datamanagers.images import read_header
-from gsfw.datamanagers.synthetic.raycast import one_thread, rays
+from gsfw.datamanagers.synthetic.raycast import rays
 from gsfw.datamanagers.synthetic.scene import SyntheticScene, solids
 from gsfw.datamanagers.synthetic.textures import Texture, Waves
 from gsfw.preparation.camera_grouping import CameraGroup

@@ -117,35 +117,3 @@ def test_shadows_fall_wherever_another_solid_hides_the_sun():
     assert 20 < int((hidden & up).sum()) < int(up.sum()) - 20
     assert float((brightness[up & hidden] < 0.6).double().mean()) > 0.98
     assert float((brightness[up & ~hidden] > 0.9).double().mean()) > 0.98
-
-
-def test_casting_in_two_threads_leaves_the_number_of_threads_as_it_was():
-    import threading
-
-    from gsfw.datamanagers.synthetic.raycast import one_thread
-
-    before, both_cast, one_is_done = torch.get_num_threads(), threading.Event(), threading.Event()
-    found: list[int] = []
-
-    def first() -> None:
-        with one_thread():
-            other.start()
-            both_cast.wait(10)
-        one_is_done.set()
-
-    def second() -> None:
-        with one_thread():
-            both_cast.set()
-            one_is_done.wait(10)
-
-    other = threading.Thread(target=second)
-    torch.set_num_threads(2)
-    try:
-        for target in (first, lambda: found.append(torch.get_num_threads())):
-            thread = threading.Thread(target=target)
-            thread.start()
-            thread.join()
-            other.join()
-    finally:
-        torch.set_num_threads(before)
-    assert found == [2]
