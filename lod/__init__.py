@@ -28,5 +28,12 @@ def gsfw_exporters() -> list[Spec]:
 
 @hookimpl
 def gsfw_importers() -> list[Spec]:
-    """The reader of trees: their finest level."""
-    return [Spec("lod", "tree of levels of detail (.lod)", "gsfw.lod.importer:LodImporter")]
+    """The readers of levels of detail: their finest level."""
+    return [
+        Spec("lod", "tree of levels of detail (.lod)", "gsfw.lod.importer:LodImporter"),
+        Spec(
+            "streamed-sog",
+            "streamed SOG of PlayCanvas: lod-meta.json, or its folder",
+            "gsfw.lod.streamed_sog_importer:StreamedSogImporter",
+        ),
+    ]

@@ -68,7 +68,6 @@ class StreamedSogExporter(Exporter):
 
     suffix = ""
     is_folder = True
-    is_readable = False
     most_sh_degree = MAX_DEGREE
 
     def write(self, path: Path, source: ExportSource) -> None:

@@ -141,7 +141,7 @@ def _description(fields: JsonFields) -> Description:
         version=number,
         count=_legacy_count(means) if legacy else fields.count("count", 1),
         antialiased=antialiased,
-        generator=_generator(values.get("asset")),
+        generator=generator_of(values.get("asset")),
         low=_logarithms(means, "mins"),
         high=_logarithms(means, "maxs"),
         means=(low_name, high_name),
@@ -217,7 +217,8 @@ def _even_steps(fields: JsonFields, channels: int) -> Float32[np.ndarray, "256 c
     return np.broadcast_to(table, (256, channels))
 
 
-def _generator(asset: object) -> str:
+def generator_of(asset: object) -> str:
+    """The tool that an ``asset`` names; empty for none."""
     name = asset.get("generator") if isinstance(asset, dict) else None
     return name[:200] if isinstance(name, str) else ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,43 @@ LEAST_BYTES = 1
 bytes of positions alone are as good as random."""
 
 
+@dataclass(frozen=True)
+class Amount:
+    """Splats that are described, and the images that should hold them."""
+
+    count: int
+    numbers: int
+    """Numbers of all splats."""
+    size: int
+    """Bytes of the images."""
+
+    @staticmethod
+    def of(container: Container, about: Description) -> Amount:
+        """The amount of a SOG."""
+        palette = about.palette
+        degree = 0 if palette is None else MAX_DEGREE if palette.degree is None else palette.degree
+        numbers = about.count * (NUMBERS + 3 * COEFFICIENTS[degree])
+        return Amount(about.count, numbers, sum(container.size(name) for name in about.images))
+
+    def __add__(self, other: Amount) -> Amount:
+        return Amount(
+            self.count + other.count, self.numbers + other.numbers, self.size + other.size
+        )
+
+    def check(self, path: Path) -> None:
+        """Refuse more splats than the images can hold, before any allocation.
+
+        Raises:
+            DataError: there are more.
+        """
+        if self.numbers > ALWAYS and self.count * LEAST_BYTES > self.size:
+            raise DataError(
+                f"{path} is cut short: it describes {self.count} splats, and their images have "
+                f"{self.size} bytes.",
+                COPY_AGAIN,
+            )
+
+
 class SogImporter(Importer):
     """Reads ``.sog``, and folders of images with ``meta.json``, given by either."""
 
@@ -58,8 +96,8 @@ class SogImporter(Importer):
         """
         with opened(path) as container:
             about = read_description(container)
-            _check_count(container, about)
-            rows = _rows(container, about)
+            Amount.of(container, about).check(container.path)
+            rows = read_rows(container, about)
         splats, dropped = activated(path, rows)
         about_file = {"version": str(about.version), "generator": about.generator}
         return SplatFile(
@@ -84,22 +122,12 @@ class SogImporter(Importer):
             return sum(map(container.size, names))
 
 
-def _check_count(container: Container, about: Description) -> None:
-    """Refuse more splats than the images can hold, before any allocation."""
-    palette = about.palette
-    degree = 0 if palette is None else MAX_DEGREE if palette.degree is None else palette.degree
-    numbers = about.count * (NUMBERS + 3 * COEFFICIENTS[degree])
-    size = sum(container.size(name) for name in about.images)
-    if numbers > ALWAYS and about.count * LEAST_BYTES > size:
-        raise DataError(
-            f"{container.path} is cut short: it describes {about.count} splats, and their images "
-            f"have {size} bytes.",
-            COPY_AGAIN,
-        )
+def read_rows(container: Container, about: Description) -> StoredRows:
+    """The values of all splats.
 
-
-def _rows(container: Container, about: Description) -> StoredRows:
-    """The values of all splats."""
+    Raises:
+        DataError: an image is missing or damaged.
+    """
     count = about.count
     low, high = (_image(container, name, count) for name in about.means)
     parts = low[:, :3].astype(np.uint16) | (high[:, :3].astype(np.uint16) << 8)

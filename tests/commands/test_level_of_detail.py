@@ -96,8 +96,11 @@ def test_splats_are_converted_to_a_folder_for_browsers(splats, tmp_path, capsys)
     words = ["convert", str(splats), str(out), "format=streamed-sog", "format.num_levels=2"]
     assert main([*words, "json=true"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert (document["num_gaussians"], document["psnr"]) == (900, None)
+    assert document["num_gaussians"] == 900
+    assert document["psnr"] > 25  # Eight random colours share a vector.
     assert json.loads((out / "lod-meta.json").read_text())["counts"] == [900, 450]
+    assert main(["info", str(out), "json=true"]) == 0
+    assert json.loads(capsys.readouterr().out)["num_gaussians"] == 900
     (out / "notes.txt").write_text("mine")
     assert main(words) == 2
     assert capsys.readouterr().err == (

@@ -1,6 +1,7 @@
 """A streamed SOG has each region in every level, and splat-transform reads it."""
 
 import json
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 
@@ -14,11 +15,15 @@ from support.splat_transform import (
 )
 from support.tree_levels import nodes
 
-from gsfw.core.errors import ConfigError, OutputError
+from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.core.exchange import SplatFile
+from gsfw.core.files.reading import bytes_of
 from gsfw.formats.ply import PlyImporter
 from gsfw.formats.sog.importer import SogImporter
 from gsfw.lod.streamed_sog import StreamedSogExporter
+from gsfw.lod.streamed_sog_importer import StreamedSogImporter
+from gsfw.plugins.initial_splats import find_importer
+from gsfw.plugins.registry import installed
 
 SMALL = {"num_levels": 4, "region": 128, "chunk": 256, "sharing": 1}
 """Several files in each of the finer levels of a small scene."""
@@ -73,6 +78,58 @@ def test_the_finest_level_of_all_regions_is_the_scene(content, written):
     order = torch.cdist(content.splats.means, found.double()).argmin(dim=1)
     assert len(order.unique()) == len(found)
     assert (content.splats.means - found[order]).abs().max() < PLACE
+
+
+def test_the_finest_level_is_read_back_from_the_folder_or_its_index(content, written):
+    for path in (written, written / "lod-meta.json"):
+        assert find_importer(path, installed()).size(path) == bytes_of(written)
+        found = find_importer(path, installed()).read(path)
+        assert found.antialiased
+        assert found.properties["generator"].startswith("gsfw ")
+        check_near(found.splats.map(torch.Tensor.double), nodes(content, 0))
+
+
+def test_a_region_without_finer_levels_and_an_environment_are_read_too(written, tmp_path):
+    path = shutil.copytree(written, tmp_path / "scene")
+    changed = index(path)
+    region = regions(changed["tree"])[0]
+    del region["lods"]["0"]
+    (path / "lod-meta.json").write_text(json.dumps(changed | {"environment": "3_0/meta.json"}))
+    assert len(StreamedSogImporter().read(path).splats) == 900 - 64 + 113
+
+
+def removed(path):
+    shutil.rmtree(path / "0_1")
+
+
+def emptied(path):
+    (path / "0_1" / "quats.webp").write_bytes(b"")
+
+
+def renamed(path):
+    names = index(path) | {"filenames": ["../0_0/meta.json"]}
+    (path / "lod-meta.json").write_text(json.dumps(names))
+
+
+def lengthened(path):
+    text = (path / "lod-meta.json").read_text()
+    (path / "lod-meta.json").write_text(text.replace('"offset": 128', '"offset": 999'))
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (removed, "there is no 0_1/meta.json, which belongs to it"),
+        (emptied, "its image quats.webp is damaged"),
+        (renamed, "expected plain names of files below its folder, found '../0_0/meta.json'"),
+        (lengthened, "a region ends at row 1127 of .*, which has 256"),
+    ],
+)
+def test_a_damaged_folder_is_refused_in_words(written, tmp_path, damage, words):
+    path = shutil.copytree(written, tmp_path / "scene")
+    damage(path)
+    with pytest.raises(DataError, match=words):
+        StreamedSogImporter().read(path)
 
 
 def test_each_level_is_that_of_the_tree(content, written):

@@ -36,6 +36,7 @@ def foreign_files(folder: Path) -> Iterator[Path]:
     yield from _ksplats(folder)
     yield from _gltfs(folder)
     yield from _sogs(folder)
+    yield from _streamed_sogs(folder)
     yield from _usds(folder)
 
 
@@ -113,6 +114,17 @@ def _sogs(folder: Path) -> Iterator[Path]:
     yield unpacked(source, folder / "sog") / "meta.json"
     legacy(folder / "old", range(COUNT))
     yield folder / "old" / "meta.json"
+
+
+def _streamed_sogs(folder: Path) -> Iterator[Path]:
+    """Three splats of a file and two of another one, which an older index names; archives."""
+    for name in "01":
+        SogExporter().write(folder / f"{name}.sog", splat_file(COUNT, int(name)))
+    regions = [{"file": 0, "offset": 1, "count": 3}, {"file": 1, "offset": 0, "count": 2}]
+    leaves = [{"lods": {"0": finest, "1": regions[0]}} for finest in regions]
+    index = {"lodLevels": 2, "filenames": ["0.sog", "1.sog"], "tree": {"children": leaves}}
+    (folder / "older.json").write_text(json.dumps(index))
+    yield folder / "older.json"
 
 
 def _usds(folder: Path) -> Iterator[Path]:
