@@ -111,9 +111,9 @@ def _block(splats: Splats) -> float:
 
 
 def _buckets(splats: Splats, block: float) -> Buckets:
-    """The buckets; a row that is not finite is in one of its own, and refused with its reason."""
-    means = splats.means
-    return buckets_of(means.nan_to_num(0.0, 0.0, 0.0), block)
+    """The buckets; a row that float32 does not hold is in one of them, and refused later."""
+    held = splats.means.float().isfinite()
+    return buckets_of(splats.means.where(held, 0.0), block)
 
 
 def _centers(buckets: Buckets, first: int, count: int) -> Float64[np.ndarray, "n 3"]:

@@ -222,6 +222,14 @@ def test_splats_that_cannot_be_stored_are_refused_and_nothing_is_written(tmp_pat
     assert not (tmp_path / "a.ksplat").exists()
 
 
+@pytest.mark.parametrize("level", [0, 1])
+def test_positions_beyond_float32_are_refused_as_by_other_formats(tmp_path, level):
+    splats = trained_splats(5, 1)
+    splats.means[3, 2] = 1e39
+    with pytest.raises(ValueError, match=r"means: row 3 is .*, 1e\+39, which a file cannot hold"):
+        write(tmp_path / "a.ksplat", splats, level)
+
+
 def test_colours_beyond_float16_are_stored_as_its_ends(tmp_path):
     splats = trained_splats(5, 1)
     splats.colors.coefficients[2, 1:] = torch.tensor([-1e9, 1.0, 1e9])
