@@ -13,9 +13,11 @@ def without_invisible(content: SplatFile) -> tuple[SplatFile, int]:
 
     No alpha of a splat exceeds its opacity, and renderers skip every alpha below 1/255
     (``NumericsProfile.alpha_min``), so that images stay the same. A file in which nothing is
-    visible keeps everything: formats need at least one splat.
+    visible keeps everything: formats need at least one splat. Opacities that are none, such as NaN
+    or -0.1, stay: formats refuse them with the row.
     """
-    visible = (content.splats.opacities >= FAINTEST).nonzero()[:, 0]
+    opacities = content.splats.opacities
+    visible = (~((opacities >= 0) & (opacities < FAINTEST))).nonzero()[:, 0]
     count = len(content.splats) - len(visible)
     if count == 0 or len(visible) == 0:
         return content, 0

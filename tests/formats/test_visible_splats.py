@@ -45,3 +45,11 @@ def test_an_opacity_of_one_byte_is_kept_after_rounding_to_a_logit():
 def test_a_file_in_which_nothing_is_visible_keeps_everything():
     content = SplatFile(replace(ALL, opacities=torch.zeros_like(FAINT)))
     assert without_invisible(content) == (content, 0)
+
+
+def test_opacities_that_are_none_are_left_for_the_format_to_refuse():
+    wrong = FAINT.clone()
+    wrong[4], wrong[5] = torch.nan, -0.1
+    content, count = without_invisible(SplatFile(replace(ALL, opacities=wrong)))
+    assert (count, len(content.splats)) == (20, 40)
+    assert bool(content.splats.opacities.isnan().any() & (content.splats.opacities < 0).any())
