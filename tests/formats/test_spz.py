@@ -15,8 +15,14 @@ from hypothesis import strategies as st
 from support.refusals import refusal_of
 from support.scenes import random_splats
 from support.splat_files import alignment, largest, trained_splats
-from support.splat_transform import needs_splat_transform, splat_transform
+from support.splat_transform import (
+    WITH_LEVELS,
+    needs_splat_transform,
+    needs_splat_transform_with_levels,
+    splat_transform,
+)
 
+from gsfw.commands.main import main
 from gsfw.core.errors import ConfigError, OutputError, UnavailableError
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats
@@ -407,6 +413,23 @@ def test_what_another_tool_writes_is_read(tmp_path):
     splat_transform(tmp_path / "a.ply", tmp_path / "a.spz")
     content = read(tmp_path / "a.spz")
     check_within_quantisation(given, content.splats, int(content.properties["version"]))
+
+
+@pytest.mark.slow
+@needs_splat_transform_with_levels
+def test_half_a_turn_sets_what_splat_transform_3_writes_upright(tmp_path):
+    given, (ply, spz, back) = (
+        trained_splats(3000, 3),
+        [tmp_path / f"a.{end}" for end in ("ply", "spz", "b.ply")],
+    )
+    PlyExporter().write(ply, SplatFile(given))
+    splat_transform(ply, spz, version=WITH_LEVELS)
+    assert main(["edit", str(spz), "rotate=x,180", f"out={back}"]) == 0
+    found = PlyImporter().read(back).splats
+    # Half a turn of an ellipsoid about an axis of its own is none: q and q i are the same one.
+    units = torch.nn.functional.normalize(found.quats, dim=1)
+    same = replace(found, quats=units[:, [1, 0, 3, 2]] * torch.tensor([-1.0, 1.0, 1.0, -1.0]))
+    check_within_quantisation(given, same, int(read(spz).properties["version"]))
 
 
 @pytest.mark.slow
