@@ -22,6 +22,7 @@ from gsfw.core.errors import ConfigError, without_inner_frames
 from gsfw.core.exchange import ExportSource, Holds
 from gsfw.core.input_checks import check_tensors
 from gsfw.core.maths.camera_path import at_times
+from gsfw.core.maths.frame import in_frame
 from gsfw.core.maths.inner_box import inner_box
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
@@ -35,7 +36,7 @@ from gsfw.plugins.restore import Restored
 from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
 from gsfw.plugins.settings import COMMAND_LINE, Layer
 from gsfw.plugins.splat_instant import check_export_time, check_time
-from gsfw.rendering.camera_batches import in_frame, one_batch
+from gsfw.rendering.camera_batches import one_batch
 from gsfw.rendering.paths import PATHS, FilmRule, paths
 
 __all__ = ["Model", "load", "render"]

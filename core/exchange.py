@@ -51,6 +51,10 @@ class ExportSource:
         """
         raise ValueError("there is no motion to write")
 
+    def cameras(self) -> Sequence[Cameras]:
+        """The training cameras, float64, in the world of the data; none if none are known."""
+        return ()
+
     def preview(self) -> Preview | None:
         """The first sight of the scene on a page; ``None`` if the source knows no cameras."""
         return None

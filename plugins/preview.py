@@ -11,6 +11,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.exchange import Preview
 from gsfw.core.loop.evaluation import render_model
 from gsfw.core.maths.camera_path import gathered, viewing_center
+from gsfw.core.maths.frame import in_frame
 from gsfw.plugins.restore import Restored
 
 VIEWS = 9
@@ -38,9 +39,7 @@ def preview(restored: Restored) -> Preview:
     red, green, blue = background
     return Preview(
         title=scene.name,
-        views=replace(
-            chosen.to(dtype=torch.float64), world_to_camera=world.camera(chosen.world_to_camera)
-        ),
+        views=in_frame(chosen, world),
         target=target,
         image=image.cpu(),
         background=(red, green, blue),

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.contributions import MEASURES, Contributions, NoRowsError
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
@@ -22,6 +23,7 @@ from gsfw.core.exchange import (
     StoredModel,
     TrackFile,
 )
+from gsfw.core.maths.frame import in_frame
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.motion.evaluation import in_world
@@ -124,6 +126,12 @@ class RunSource(ExportSource):
             ValueError: the rasterizer renders no depth.
         """
         return depth_views(self.restored, self.time)
+
+    def cameras(self) -> list[Cameras]:
+        """The training cameras, in the world of the data."""
+        parts, scene = self.restored.composition.parts, self.restored.composition.scene
+        views = parts.data.views(Split.TRAIN).cameras
+        return [in_frame(camera, scene.world_from_scene) for camera in views]
 
     def preview(self) -> Preview:
         """Some training views, and the image of the first one."""

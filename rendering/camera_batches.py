@@ -1,15 +1,11 @@
-"""Camera batches: cameras of a user's own, joined, grouped by time, and moved between frames."""
+"""Camera batches: cameras of a user's own in one batch."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
-import torch
-
-from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.cameras import Cameras
 from gsfw.core.errors import ConfigError
-from gsfw.core.maths.similarity import Similarity
 
 
 def one_batch(cameras: Cameras | Sequence[Cameras]) -> Cameras:
@@ -35,13 +31,3 @@ def one_batch(cameras: Cameras | Sequence[Cameras]) -> Cameras:
         raise ConfigError(
             f"render: {error}.", "Render them one at a time: [render(it, camera) for camera in ...]"
         ) from None
-
-
-def in_frame(cameras: Cameras, frame: Similarity) -> Cameras:
-    """The cameras in the frame that a similarity leads to, float64, on the CPU."""
-    cameras = cameras.to("cpu", torch.float64)
-    intrinsics = cameras.intrinsics.clone()
-    if cameras.model is CameraModel.ORTHOGRAPHIC:  # In pixels per unit of length.
-        intrinsics[:, [0, 1], [0, 1]] /= frame.scale
-    poses = frame.camera(cameras.world_to_camera)
-    return replace(cameras, world_to_camera=poses, intrinsics=intrinsics)

@@ -1,4 +1,4 @@
-"""Splats in other frames, and splats by their principal axes."""
+"""Splats and cameras in other frames, and splats by their principal axes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.maths.rotations import multiply_quaternions, quaternions_of
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import degree_of, rotate_sh
@@ -45,6 +46,16 @@ def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
         coefficients = _rotated(stored, rotation)
         moved = replace(moved, colors=Sh(coefficients, splats.colors.degree))
     return moved
+
+
+def in_frame(cameras: Cameras, frame: Similarity) -> Cameras:
+    """The cameras in the frame that a similarity leads to, float64, on the CPU."""
+    cameras = cameras.to("cpu", torch.float64)
+    intrinsics = cameras.intrinsics.clone()
+    if cameras.model is CameraModel.ORTHOGRAPHIC:  # In pixels per unit of length.
+        intrinsics[:, [0, 1], [0, 1]] /= frame.scale
+    poses = frame.camera(cameras.world_to_camera)
+    return replace(cameras, world_to_camera=poses, intrinsics=intrinsics)
 
 
 def _rotated(colors: Sh, rotation: Float[Tensor, "3 3"]) -> Float[Tensor, "n k 3"]:

@@ -24,6 +24,8 @@ class UsdExporter(Exporter):
     the data have."""
     fps: float = number(30.0, above=0, below=math.inf)
     """Times of the data that are played in a second."""
+    cameras: bool = True
+    """Write the pinhole cameras that the model was trained with, if it is a run or a model file."""
     half: bool = False
     """Write all values but positions as floats of 16 bits."""
 
@@ -53,14 +55,15 @@ class UsdExporter(Exporter):
             file = without_invisible(file.content)[0].motion_file()
         content = file.content
         reduced = replace(content, splats=content.splats.up_to(self.most_sh_degree))
-        turned, up = upright(replace(file, content=reduced))
+        cameras = source.cameras() if self.cameras else ()
+        turned, cameras, up = upright(replace(file, content=reduced), cameras)
         last = float(max(file.frames - 1, 1))
         codes = [last * time for time in self._times(file)]
         origin = origin_of(turned)
         samples = ((code, field_values(turned, code / last, origin)) for code in codes)
         field = Field(coefficients_of(turned), samples, origin, self.half)
         playback = None if file.is_still else Playback(last, self.fps)
-        write_stage(path, field, up, playback, file)
+        write_stage(path, field, up, playback, file, cameras)
 
     def _times(self, file: MotionFile) -> list[float]:
         """The times of the samples, in [0, 1]."""

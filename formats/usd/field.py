@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.exchange import MotionFile
 from gsfw.core.maths.axes import stated_axis, turned_to_y
+from gsfw.core.maths.frame import in_frame
 from gsfw.core.maths.rotations import unit_matrices
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.motion.evaluation import all_splats_at, in_world
@@ -37,16 +40,19 @@ class FieldValues:
     """Lowest and highest corner of a box around all Gaussians."""
 
 
-def upright(file: MotionFile) -> tuple[MotionFile, str]:
-    """The file in axes of a stage, and which of them is up: "Y" or "Z".
+def upright(
+    file: MotionFile, cameras: Sequence[Cameras]
+) -> tuple[MotionFile, Sequence[Cameras], str]:
+    """The file and cameras in axes of a stage, and which of them is up: "Y" or "Z".
 
     Worlds with y or z up keep their axes. Others are turned; one of which nothing is known as
     COLMAP's, in which y leads down.
     """
     up = stated_axis(file.content.up).removeprefix("+")
     if up in ("y", "z"):
-        return file, up.upper()
-    return in_world(file, Similarity(rotation=turned_to_y(up))), "Y"
+        return file, cameras, up.upper()
+    turn = Similarity(rotation=turned_to_y(up))
+    return in_world(file, turn), [in_frame(camera, turn) for camera in cameras], "Y"
 
 
 def origin_of(file: MotionFile) -> Float64[np.ndarray, " 3"]:

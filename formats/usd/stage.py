@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.exchange import MotionFile
 from gsfw.core.files.atomic import atomic_file
 from gsfw.core.maths.spherical_harmonics import degree_of
+from gsfw.formats.usd.cameras import add_cameras
 from gsfw.formats.usd.field import FieldValues
 from gsfw.formats.usd.package import PACKAGE, SUFFIX, system_errors
 
@@ -51,7 +53,12 @@ class Playback:
 
 
 def write_stage(
-    path: Path, field: Field, up: str, playback: Playback | None, about: MotionFile
+    path: Path,
+    field: Field,
+    up: str,
+    playback: Playback | None,
+    about: MotionFile,
+    cameras: Sequence[Cameras] = (),
 ) -> None:
     """Write a stage atomically, in the format of the suffix.
 
@@ -61,6 +68,7 @@ def write_stage(
         up: axis that points up, "Y" or "Z".
         playback: ``None`` for a field at rest.
         about: the splats as they were given, for what the stage states of them.
+        cameras: in the axes of the stage.
 
     Raises:
         OutputError: it cannot be written.
@@ -70,6 +78,7 @@ def write_stage(
     with atomic_file(path) as file, TemporaryDirectory(dir=path.parent, prefix=".usd-") as folder:
         stage = _stage(path.stem, about, up, playback)
         _fill(_prim(stage, field.origin), field)
+        add_cameras(stage, cameras)
         # In a package, the suffix of the stage is the one of its format in bytes.
         inner = Path(folder) / path.with_suffix(SUFFIX).name
         written = Path(folder) / path.name

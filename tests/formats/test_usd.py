@@ -3,18 +3,24 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pytest
 import torch
-from pxr import Usd, UsdGeom, UsdVol
+from pxr import Gf, Usd, UsdGeom, UsdVol
 from support.moving_splats import moving_scene, spacetime
 from support.splat_files import trained_splats
 from support.usd_files import shapes, written
+from support.web_scenes import cameras
 
+from gsfw.commands.main import main
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, UnavailableError
-from gsfw.core.exchange import Motion, MotionFile, SplatFile
+from gsfw.core.exchange import ExportSource, Motion, MotionFile, SplatFile
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.maths.axes import axis_vector
 from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.maths.spherical_harmonics import sh_basis
@@ -23,6 +29,8 @@ from gsfw.core.motion.fit import fit_motion
 from gsfw.core.splats import Splats
 from gsfw.formats.usd.exporter import UsdExporter
 from gsfw.formats.usd.importer import UsdImporter
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import restore
 
 SH = "radiance:sphericalHarmonicsCoefficients"
 UPS = ("-y", "y", "z", "-z", "x", "-x", "")
@@ -80,17 +88,79 @@ def test_openusd_reads_the_same_scene_upright(tmp_path, up):
 
 def test_the_stage_is_one_that_openusd_finds_no_fault_with(tmp_path):
     validation = pytest.importorskip("pxr.UsdValidation", reason="OpenUSD 26.03 has no validators")
-    for suffix in ("usdc", "usda", "usd", "usdz"):
+    captured = Captured(SplatFile(trained_splats(5, 0)), (cameras(2),))
+    suffixes = ("usdc", "usda", "usd", "usdz")
+    for suffix, content in product(suffixes, (moving(frames=3), captured)):
         path = tmp_path / f"a b.{suffix}"
-        UsdExporter().write(path, moving(frames=3))
+        UsdExporter().write(path, content)
         context = validation.ValidationContext(
             validation.ValidationRegistry().GetOrLoadAllValidators()
         )
-        found = context.Validate(Usd.Stage.Open(str(path)))
+        stage = Usd.Stage.Open(str(path))
+        stage.Reload()
+        found = context.Validate(stage)
         assert [error.GetMessage() for error in found] == []
     assert sorted(item.name for item in tmp_path.iterdir()) == [
         f"a b.{suffix}" for suffix in ("usd", "usda", "usdc", "usdz")
     ]
+
+
+@dataclass(frozen=True)
+class Captured(ExportSource):
+    """Splats with the cameras of their capture, as runs have them."""
+
+    file: SplatFile
+    views: tuple[Cameras, ...]
+
+    def motion_file(self, *, pieces=True):
+        return self.file.motion_file()
+
+    def cameras(self):
+        return self.views
+
+
+@pytest.mark.parametrize("up", UPS)
+def test_cameras_of_the_stage_see_each_splat_at_its_pixel(tmp_path, up):
+    given, views = trained_splats(40, 0), cameras(3)
+    UsdExporter().write(tmp_path / "a.usdc", Captured(SplatFile(given, up=up), (views,)))
+    stage, field = opened(tmp_path / "a.usdc")
+    found = [UsdGeom.Camera(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)]
+    size = torch.tensor([views.width, views.height])
+    assert len(found) == len(views)
+    for prim, pose, lens in zip(found, views.world_to_camera, views.intrinsics, strict=True):
+        lookout = prim.GetCamera(Usd.TimeCode.Default()).frustum
+        matrix = lookout.ComputeViewMatrix() * lookout.ComputeProjectionMatrix()
+        for place, mean in zip(values(field, "positions"), given.means, strict=True):
+            across, along, _ = matrix.Transform(Gf.Vec3d(*place.tolist()))
+            pixel = (torch.tensor([1 + across, 1 - along]) / 2) * size
+            seen = lens @ (pose[:3, :3] @ mean + pose[:3, 3])
+            assert torch.allclose(pixel.double(), seen[:2] / seen[2], rtol=1e-4, atol=1e-2)
+
+
+def test_each_pinhole_camera_is_written_once_unless_they_are_left_out(tmp_path):
+    views = cameras(2)
+    fisheye = replace(cameras(4), model=CameraModel.FISHEYE)
+    source = Captured(SplatFile(trained_splats(5, 0)), (views, fisheye, views.select([1])))
+    for wanted in (True, False):
+        UsdExporter(cameras=wanted).write(tmp_path / "a.usda", source)
+        assert (tmp_path / "a.usda").read_text().count("def Camera ") == 2 * wanted
+
+
+def test_a_run_is_written_with_its_training_cameras(finished_run, tmp_path):
+    assert main(["export", str(finished_run), f"out={tmp_path / 'a.usda'}"]) == 0
+    composition = restore(RunFolder(finished_run), installed()).composition
+    centers = [
+        each.centers[0].double() for each in composition.parts.data.views(Split.TRAIN).cameras
+    ]
+    expected = composition.scene.world_from_scene.apply(torch.stack(centers))
+    stage, _ = opened(tmp_path / "a.usda")
+    prims = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Camera)]
+    places = [
+        UsdGeom.Xformable(prim).GetLocalTransformation().ExtractTranslation() for prim in prims
+    ]
+    found = torch.tensor([list(place) for place in places]).double()
+    # The stage may be turned.
+    assert torch.allclose(found.norm(dim=1), expected.norm(dim=1), atol=1e-4)
 
 
 def test_a_stage_states_its_default_prim_unit_and_extent(tmp_path):
