@@ -44,6 +44,8 @@ INDEX = "lod-meta.json"
 """Name by which viewers know the format."""
 FOLDER = re.compile(r"\d+_\d+")
 """Name of the folder of a file: its level, and its number."""
+AT_ONCE = 8
+"""Most files that are written at a time: each takes 0.3 GB at degree 3, in its usual size."""
 OWN = re.compile(
     rf"{re.escape(INDEX)}|{FOLDER.pattern}(/({re.escape(META)}|\w+\.webp))?|(.*/)?\..*"
 )
@@ -104,7 +106,10 @@ class StreamedSogExporter(Exporter):
                 return _boxes(regions, level, part, splats)
 
         index = _Index(regions)
-        with one_thread() as count, ThreadPoolExecutor(count, "gsfw-streamed-sog") as threads:
+        with (
+            one_thread() as count,
+            ThreadPoolExecutor(min(count, AT_ONCE), "gsfw-streamed-sog") as threads,
+        ):
             written = threads.map(write, *zip(*files, strict=True))
             written = tracked(written, "writing levels of detail", len(files))
             for (level, place, part), boxes in zip(files, written, strict=True):
