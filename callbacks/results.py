@@ -92,7 +92,7 @@ class Results(Callback):
         assert self._folder is not None
         self._folder.write_json(self._folder.requirements, requirements.document())
         buffer = io.BytesIO()
-        Image.fromarray(plot.numpy()).save(buffer, "PNG", optimize=True)
+        Image.fromarray(plot.numpy()).save(buffer, "PNG")
         write_atomically(self._folder.requirements_plot, buffer.getvalue())
 
     def close(self) -> None:

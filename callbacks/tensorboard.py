@@ -187,7 +187,7 @@ class TensorBoard(Callback):
         self._add(requirements.step, requirement_curves(requirements))
         with self._writing() as writer:
             writer.add_text("4_requirements", requirements.headline, requirements.step)
-            writer.add_image(REQUIREMENTS, plot, requirements.step, dataformats="HWC")
+        self._add_image(REQUIREMENTS, plot.numpy(), requirements.step)
 
     def close(self) -> None:
         """Flush and close the events."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import parse, positional, read_options
 from gsfw.commands.interface.execution import ExecutionOptions, executor_of, resources_of
+from gsfw.commands.interface.progress import loading_torch
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
 from gsfw.core.ranges import number
@@ -78,7 +79,7 @@ def run(tokens: list[str]) -> int:
     """Train what is not trained yet, and merge."""
     options, given = read(tokens)
     _check(options, given)
-    with stage("loading torch and reading settings"):
+    with loading_torch(" and reading settings"):
         training = _training(options, given)
 
     from gsfw.commands.interface.console import Console

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
+from gsfw.commands.interface.progress import loading_torch
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.progress import stage
 
@@ -55,7 +56,7 @@ def run(tokens: list[str]) -> int:
     options = read_options("check", CheckOptions, [*own, *arguments.words])
     images = _images(options.images)
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
-    with stage("loading torch and reading settings"):
+    with loading_torch(" and reading settings"):
         settings, given_values = _settings(options, given)
 
     from gsfw.commands.interface.console import Console

@@ -17,6 +17,7 @@ from packaging.version import Version
 
 from gsfw.commands.interface.arguments import Options, read_options
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.progress import loading_torch
 from gsfw.core.cores import cores
 from gsfw.core.machine_memory import memory_limits
 from gsfw.plugins.loading import load_third_parties
@@ -68,7 +69,9 @@ def run(tokens: list[str]) -> int:
     """Run all checks."""
     options = read_options("doctor", DoctorOptions, tokens)
     console = Console(options.json)
-    findings = [*_versions(), *_libraries(), _extras(), _native(), _cuda(), *_self_tests()]
+    with loading_torch(" and other libraries"):
+        findings = [*_versions(), *_libraries()]
+    findings += [_extras(), _native(), _cuda(), *_self_tests()]
     findings += [*_rasterizers(installed()), *_plugins(installed()), _write_access()]
     console.table(
         ["", "status", "details"],

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import FLAGS, Options, parse, positional, read_options
+from gsfw.commands.interface.progress import loading_torch
 from gsfw.core.errors import ConfigError, OutputError
-from gsfw.core.progress import stage
 from gsfw.core.ranges import number
 from gsfw.core.words import shell_argument, size
 
@@ -56,7 +56,7 @@ def run(tokens: list[str]) -> int:
     """Cut a data set, and print the blocks."""
     options, given = read(tokens)
     wishes = _wishes(options)
-    with stage("loading torch and reading settings"):
+    with loading_torch(" and reading settings"):
         settings = _settings(options, given)
 
     from gsfw.commands.interface.console import Console

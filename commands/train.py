@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.progress import loading_torch
 from gsfw.commands.interface.team import (
     console_of,
     joined,
@@ -22,7 +23,6 @@ from gsfw.commands.interface.team import (
 )
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, UserError
-from gsfw.core.progress import stage
 from gsfw.parallel.environment import world
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 
@@ -53,7 +53,7 @@ def run(tokens: list[str]) -> int:
     console = console_of(arguments)
     if not arguments.flag("help") and world() is None:
         announce(layers(arguments), registry, console)
-    with stage("loading torch and the method"):
+    with loading_torch(" and the method"):
         settings = read_settings(arguments, registry)
     processes = settings.config.processes
     if starts_workers(processes) and not arguments.flag("dry_run"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -25,9 +26,29 @@ LINES = 8.0
 """Seconds between lines without a terminal: with ``PATIENCE`` of the next stage, below ten."""
 
 
+@contextmanager
+def loading_torch(besides: str = "") -> Iterator[None]:
+    """The stage in which torch is imported, which takes over a second; and more, in words.
+
+    Modules stay until the end: the garbage collector looks at them neither now nor later. That
+    saves a quarter of the processor time of ``gsfw train method=3dgs steps=1``.
+    """
+    is_loaded = "torch" in sys.modules  # By a program that has its own garbage, perhaps.
+    with stage(f"loading torch{besides}"):
+        if is_loaded or not gc.isenabled():
+            yield
+            return
+        gc.disable()
+        try:
+            yield
+            gc.freeze()
+        finally:
+            gc.enable()
+
+
 def load_torch() -> None:
-    """Import torch, which takes over a second, as a stage; checks without torch come before."""
-    with stage("loading torch"):
+    """Import torch as a stage; checks without torch come before."""
+    with loading_torch():
         import torch  # noqa: F401 - those who need it import it again, at once.
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -15,7 +16,9 @@ def main() -> int:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from gsfw.commands.main import main as run
 
-    return run()
+    code = run()
+    gc.freeze()  # The system takes all at once: there is no need to look for garbage at the end.
+    return code
 
 
 def _without_current_folder() -> None:

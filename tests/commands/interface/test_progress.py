@@ -1,12 +1,16 @@
 """Slow stages are shown on standard error, quick ones are not."""
 
+import gc
 import io
 import sys
 import threading
 
+import pytest
+
 from gsfw.commands.interface import progress
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.progress import SlowStages, StageBars
+from gsfw.core.errors import ConfigError
 from gsfw.core.progress import shown_by, stage
 
 
@@ -78,6 +82,25 @@ def test_a_stage_of_unknown_length_says_for_how_long_it_has_run(monkeypatch, cap
         while "\n" not in stream.getvalue():
             threading.Event().wait(0.005)
     assert stream.getvalue() == "loading torch: 0 s so far\n"
+
+
+def test_the_garbage_collector_waits_while_torch_is_loaded_and_leaves_out_its_modules(monkeypatch):
+    frozen = []
+    monkeypatch.delitem(sys.modules, "torch")
+    monkeypatch.setattr(gc, "freeze", lambda: frozen.append(gc.isenabled()))
+    with progress.loading_torch():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    with pytest.raises(ConfigError), progress.loading_torch():
+        raise ConfigError("no such method")
+    assert gc.isenabled()
+    assert frozen == [False]
+
+
+def test_the_garbage_collector_of_a_program_that_has_loaded_torch_goes_on(monkeypatch):
+    monkeypatch.setattr(gc, "freeze", lambda: pytest.fail("garbage of others is kept"))
+    with progress.loading_torch():
+        assert gc.isenabled()
 
 
 def test_long_times_have_their_largest_unit_and_the_last_item_has_no_time_left():
