@@ -7,6 +7,7 @@ They start in milliseconds, and may get signals, or end by SIGKILL.
 from __future__ import annotations
 
 import ctypes
+import gc
 import importlib
 import json
 import os
@@ -320,7 +321,10 @@ def main(folder: Path) -> int:
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # Nothing else may be between the answers.
     place = Path(tempfile.mkdtemp(dir=folder, prefix="server-"))
+    gc.disable()
     load(modules_of_commands(place))
+    gc.freeze()  # Collections of forks pass over the modules, and leave their memory shared.
+    gc.enable()
     answers.write("ready\n")
     for line in sys.stdin:
         values = json.loads(line)

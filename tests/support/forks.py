@@ -12,9 +12,12 @@ import pytest
 TESTS = Path(__file__).resolve().parents[1]
 
 FORKS = """
-import json, os, sys
+import gc, json, os, sys
 
+gc.disable()
 exec(sys.argv[1])
+gc.freeze()  # Collections of forks pass over what is loaded.
+gc.enable()
 codes = {}
 for name, program in json.loads(sys.argv[2]).items():
     files = [open(os.path.join(sys.argv[3], name + end), "w") for end in (".out", ".err")]
