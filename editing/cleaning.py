@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-import torch
 from jaxtyping import Bool
 from torch import Tensor
 
+from gsfw.core.maths.inner_box import inner_box
 from gsfw.core.numerics import FAINTEST, QUATERNION_MIN_NORM
 from gsfw.core.splats import Splats
 
@@ -17,10 +17,6 @@ HUGE = 0.5
 """Longest axis (standard deviation) of a needle, in sizes of the scene."""
 NEEDLE = 20.0
 """Longest axis of a needle, relative to its middle one."""
-SCENE = (0.02, 0.98)
-"""Part of the splats below and above the box that is the size of the scene."""
-SAMPLE = 100_000
-"""Splats that determine the size of the scene."""
 
 
 def not_finite(splats: Splats) -> Bool[Tensor, " n"]:
@@ -52,12 +48,11 @@ def needles(splats: Splats) -> Bool[Tensor, " n"]:
 
 def scene_size(splats: Splats) -> float:
     """Diagonal of the box around nearly all splats; 0 without splats."""
-    means = splats.means.double()[:: len(splats) // SAMPLE + 1]
-    means = means[means.isfinite().all(1)]
+    means = splats.means[splats.means.isfinite().all(1)]
     if not len(means):
         return 0.0
-    ends = torch.quantile(means, torch.tensor(SCENE).to(means), dim=0)
-    return float((ends[1] - ends[0]).norm())
+    low, high = inner_box(means)
+    return float((high - low).norm())
 
 
 FAULTS: Mapping[str, Callable[[Splats], Bool[Tensor, " n"]]] = {

@@ -263,11 +263,12 @@ class MemoryFit:
 
 
 def _with_points(scene: Scene, rows: Int[Tensor, " r"]) -> Scene:
-    """A scene with some of its points."""
+    """A scene with some of its points, and without a sky, which has few."""
     times = scene.point_times
     return replace(
         scene,
         points=scene.points[rows],
         point_colors=scene.point_colors[rows],
         point_times=None if times is None else times[rows],
+        sky=None,
     )

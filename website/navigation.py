@@ -15,7 +15,8 @@ GROUPS: Mapping[str, Sequence[str]] = MappingProxyType(
         "Train": (
             *("guides/data", "guides/prepare", "guides/settings", "guides/minutes"),
             *("guides/terminal", "guides/run-outputs", "guides/moving-scenes", "guides/cuda"),
-            *("guides/dense-start", "guides/growth", "guides/requirements", "guides/studies"),
+            *("guides/dense-start", "guides/sky", "guides/growth", "guides/requirements"),
+            "guides/studies",
             *("guides/remote-data", "guides/large-scenes", "guides/many-machines"),
             *("guides/production", "guides/benchmarks", "guides/*"),
         ),

@@ -7,6 +7,7 @@ every view that no surface hides it from. Directions of near surfaces have diffe
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -25,10 +26,13 @@ CHUNK = 20_000
 """Directions that are compared at a time, which bounds memory."""
 TOLERANCE = 0.06
 """Largest difference of a channel from the median of all views that agrees with it."""
-LEAST_VIEWS = 2
-"""Views that have to see a direction."""
+SAME_PLACE = 1e-3
+"""Cameras nearer to each other than this, in radii of the sky, agree on near surfaces, too: they
+count as one, such as a fixed camera that films, and faces of one panorama."""
+LEAST_PLACES = 2
+"""Places of cameras that have to see a direction."""
 AGREEING_SHARE = 0.5
-"""Least share of these views that agree; a surface hides the direction from the others."""
+"""Least share of these places that agree; a surface hides the direction from the others."""
 LEAST_POINTS = 20
 """With fewer directions there is no sky."""
 
@@ -40,13 +44,14 @@ def found_sky(views: StereoViews, sphere: Sky) -> Sky | str:
         views: images of any times.
         sphere: the sky without points.
     """
-    if len(views) < LEAST_VIEWS:
-        return f"it takes {LEAST_VIEWS} pinhole cameras, and there are {len(views)}"
+    places = _places(views, SAME_PLACE * sphere.radius)
+    if len(places) < LEAST_PLACES:
+        return f"it takes pinhole cameras at {LEAST_PLACES} places, and there are {len(places)}"
     directions = even_directions(_number(views))
-    parts = [_agreed(views, part) for part in directions.split(CHUNK)]
+    parts = [_agreed(views, places, part) for part in directions.split(CHUNK)]
     kept, colors = (torch.cat(each) for each in zip(*parts, strict=True))
     if len(kept) < LEAST_POINTS:
-        return f"views agree on {len(kept)} of {len(directions):,} directions"
+        return f"cameras agree on {len(kept)} of {len(directions):,} directions"
     points = sphere.center.double() + sphere.radius * kept
     return replace(sphere, points=points.to(sphere.center), colors=colors)
 
@@ -66,21 +71,43 @@ def _number(views: StereoViews) -> int:
     return min(math.ceil(4.0 * math.pi * (focal / PIXELS_APART) ** 2), MOST_DIRECTIONS)
 
 
+def _places(views: StereoViews, apart: float) -> list[list[int]]:
+    """Views grouped by the places of their cameras, each within ``apart`` of the first there."""
+    found: list[list[int]] = []
+    for view, center in enumerate(views.centers):
+        firsts = views.centers[[group[0] for group in found]]
+        near = ((firsts - center).norm(dim=1) < apart).nonzero()[:, 0].tolist()
+        if near:
+            found[near[0]].append(view)
+        else:
+            found.append([view])
+    return found
+
+
 def _agreed(
-    views: StereoViews, directions: Float64[Tensor, "d 3"]
+    views: StereoViews, places: Sequence[Sequence[int]], directions: Float64[Tensor, "d 3"]
 ) -> tuple[Float64[Tensor, "s 3"], Float[Tensor, "s 3"]]:
-    """The directions on which enough views agree, and their median colours."""
-    colors = torch.full((len(views), len(directions), 3), math.nan)
-    for view in range(len(views)):
-        # A place at infinity: the position of the camera has no effect.
-        pixels, _, seen = views.project(view, directions + views.centers[view])
-        column, row = pixels[seen].long().T
-        known = ~views.unknown[view][row, column]
-        places = seen.nonzero()[:, 0][known]
-        colors[view, places] = views.colors[view][row[known], column[known]]
+    """The directions on which enough places agree, and their median colours."""
+    colors = torch.stack([_seen_from(views, group, directions) for group in places])
     median = colors.nanmedian(dim=0).values
     seeing = (~colors[:, :, 0].isnan()).sum(dim=0)
     # Comparisons with NaN are false.
     agreeing = ((colors - median).abs().amax(dim=2) < TOLERANCE).sum(dim=0)
-    kept = (seeing >= LEAST_VIEWS) & (agreeing >= AGREEING_SHARE * seeing)
+    kept = (seeing >= LEAST_PLACES) & (agreeing >= AGREEING_SHARE * seeing)
     return directions[kept], median[kept]
+
+
+def _seen_from(
+    views: StereoViews, group: Sequence[int], directions: Float64[Tensor, "d 3"]
+) -> Float[Tensor, "d 3"]:
+    """Mean colours of directions in the views of one place; NaN where none has them."""
+    total, count = torch.zeros(len(directions), 3), torch.zeros(len(directions), 1)
+    for view in group:
+        # A place at infinity: the position of the camera has no effect.
+        pixels, _, seen = views.project(view, directions + views.centers[view])
+        column, row = pixels[seen].long().T
+        known = ~views.unknown[view][row, column]
+        rows = seen.nonzero()[:, 0][known]
+        total[rows] += views.colors[view][row[known], column[known]]
+        count[rows] += 1.0
+    return total / count  # 0 / 0 is NaN.

@@ -13,9 +13,13 @@ from gsfw.plugins.compose import compose
 from gsfw.plugins.registry import installed
 
 
-@pytest.fixture
-def capture(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def small_images(monkeypatch):
     monkeypatch.setattr("gsfw.core.stereo.sky.PIXELS_APART", 2.0)
+
+
+@pytest.fixture
+def capture(tmp_path):
     return str(write_outdoors(tmp_path))
 
 
@@ -50,7 +54,7 @@ def test_a_capture_without_a_sky_starts_without_one(capture, monkeypatch):
     run = composed({"data": capture, "sky": "true", "random_points": "500"})
     assert run.parts.model.num_rows == 500
     assert any(
-        note.startswith("sky=true: views agree on 0 of") and note.endswith("without a sky.")
+        note.startswith("sky=true: cameras agree on 0 of") and note.endswith("without a sky.")
         for note in run.notes()
     )
 

@@ -9,6 +9,7 @@ from support.outdoors import sky_color, views_of_the_sky
 from gsfw.core.sky import SKY_EXTENTS, Sky, empty_sky
 from gsfw.core.stereo import sky
 from gsfw.core.stereo.sky import even_directions, found_sky
+from gsfw.core.stereo.views import StereoViews
 
 CENTERS = torch.tensor([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
 NONE = torch.zeros(0, 3)
@@ -45,14 +46,35 @@ def test_masked_pixels_do_not_vote(monkeypatch):
     views = views_of_the_sky()
     everything = tuple(torch.ones_like(unknown) for unknown in views.unknown)
     assert found_sky(replace(views, unknown=everything), sphere()) == (
-        "views agree on 0 of 5,027 directions"
+        "cameras agree on 0 of 5,027 directions"
     )
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_one_view_cannot_tell_a_sky_from_a_wall(count):
-    few = views_of_the_sky(count) if count else replace(views_of_the_sky(1), colors=())
-    assert found_sky(few, sphere()) == f"it takes 2 pinhole cameras, and there are {count}"
+    few = views_of_the_sky(count)
+    assert (
+        found_sky(few, sphere()) == f"it takes pinhole cameras at 2 places, and there are {count}"
+    )
+
+
+def test_a_camera_that_films_from_one_place_has_one_vote(monkeypatch):
+    """Else all that does not move would be the sky."""
+    monkeypatch.setattr(sky, "PIXELS_APART", 2.0)
+    views = views_of_the_sky(3)
+    first, *others = range(3)
+    rows = [first] * 20 + others
+    films = StereoViews(
+        tuple(views.colors[row] for row in rows),
+        views.world_to_camera[rows],
+        views.intrinsics[rows],
+        tuple(views.empty[row] for row in rows),
+        tuple(views.unknown[row] for row in rows),
+    )
+    found, expected = found_sky(films, sphere()), found_sky(views, sphere())
+    assert isinstance(found, Sky)
+    assert isinstance(expected, Sky)
+    assert torch.equal(found.points, expected.points)
 
 
 def test_the_sky_is_behind_all_but_stray_points():
