@@ -20,6 +20,7 @@ from support.processes import (
     finished,
     last_step,
     needs_proc,
+    refined,
     state,
 )
 from support.states import assert_same_bits
@@ -35,7 +36,7 @@ METHODS = {
     "spacetime": ("method=spacetime", "datamanager.moving=true", "datamanager.times=4"),
 }
 
-STEPS = 80
+STEPS = 40
 """Refiners edit rows before and after the checkpoint in the middle."""
 
 
@@ -47,7 +48,7 @@ def rows(folder: Path) -> int:
 def words(method: str, shards: int = 0) -> tuple[str, ...]:
     """Settings of a run, but for its folder and its processes."""
     every = (f"steps={STEPS}", "rescale=false", f"checkpoint_every={STEPS // 2}")
-    return (*METHODS[method], *SCENE, *every, f"shards={shards}")
+    return (*METHODS[method], *SCENE, *refined(10), *every, f"shards={shards}")
 
 
 @pytest.fixture(autouse=True)

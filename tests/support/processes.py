@@ -17,9 +17,16 @@ from support.states import without_clock
 SCENE = (
     *("device=cpu", "datamanager.views=8", "datamanager.width=48", "datamanager.height=36"),
     *("datamanager.points=500", "datamanager.eval_views=2", "report=false", "eval_every=0"),
-    *("sampler.views_per_step=4", "strategy.refine_start=20", "strategy.refine_every=20"),
+    "sampler.views_per_step=4",
 )
-LONG = ("method=3dgs", *SCENE, "steps=100000", "rescale=false", "checkpoint_every=10")
+
+
+def refined(every: int) -> tuple[str, str]:
+    """Settings of a strategy that edits rows at these steps, from the first one on."""
+    return f"strategy.refine_start={every}", f"strategy.refine_every={every}"
+
+
+LONG = ("method=3dgs", *SCENE, *refined(20), "steps=100000", "rescale=false", "checkpoint_every=10")
 """A training that does not end by itself."""
 ONE_THREAD = {**os.environ, "OMP_NUM_THREADS": "1"}
 TORCHRUN = (sys.executable, "-m", "torch.distributed.run", "--nproc-per-node=2", "--standalone")
