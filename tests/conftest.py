@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 import torch
 from shape_checks import CHECKED_CALLS, Checks
@@ -34,6 +35,10 @@ from gsfw.studies.requirements.plot import plot
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
 # several times the work in waiting. Tests of repeatability with threads start their own processes.
 torch.set_num_threads(1)
+
+# An example takes as long as it takes: machines of tests are busy.
+hypothesis.settings.register_profile("without deadlines", deadline=None)
+hypothesis.settings.load_profile("without deadlines")
 
 # What a shell starts in the background ignores SIGINT, and so would all that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -80,7 +80,7 @@ def test_splats_of_a_view_that_do_not_name_their_rows_are_refused():
     assert "rows=rows" in caught.value.advice
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.sampled_from([0.0, 0.5, 1.0, 2.0, 7.0]), min_size=1, max_size=20),
     st.floats(0.01, 1.0),

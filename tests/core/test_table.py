@@ -38,7 +38,7 @@ def assert_rows_came_from(after, before, rows, fresh=()):
         assert len(values) == len(rows)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.data())
 def test_kept_and_appended_rows_keep_values_and_moments_aligned(data):
     n = data.draw(st.integers(1, 12))
@@ -54,7 +54,7 @@ def test_kept_and_appended_rows_keep_values_and_moments_aligned(data):
     assert_rows_came_from(everything(model, optimizer), before, [*kept, *cloned], fresh)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.booleans(), min_size=1, max_size=12))
 def test_a_mask_keeps_rows_in_their_order(mask):
     model = MixedModel(len(mask))
@@ -65,7 +65,7 @@ def test_a_mask_keeps_rows_in_their_order(mask):
     assert_rows_came_from(everything(model, optimizer), before, rows)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(8, 20), st.data())
 def test_replaced_rows_begin_with_moments_of_zero(n, data):
     # Rows that are seven apart have ragged values of the same length.
@@ -154,7 +154,7 @@ def test_an_edited_model_goes_on_training():
     assert table.learning_rate("dense", 0) == 0.1
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.data())
 def test_a_ragged_row_keeps_what_it_had_when_its_length_changes(data):
     n = data.draw(st.integers(1, 9))

@@ -29,7 +29,7 @@ def read_integers(content, count):
     return found
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(some.lists(some.integers(-(2**62), 2**62 - 1) | some.integers(-4, 4), max_size=300))
 def test_integers_of_any_size_come_back(values):
     values = np.array(values, dtype=np.int64)

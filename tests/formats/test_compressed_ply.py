@@ -88,7 +88,7 @@ def test_every_value_comes_back_within_half_a_step(tmp_path, degree):
     check_within_half_steps(ordered, stored(content.splats))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     count=st.integers(1, 520),
     degree=st.integers(0, 3),

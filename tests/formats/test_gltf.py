@@ -53,7 +53,7 @@ def check_same(given, again):
     antialiased=st.booleans(),
     up=st.sampled_from(["", "-y", "z"]),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_what_is_read_back_differs_by_rounding_alone(
     tmp_path_factory, seed, degree, antialiased, up
 ):

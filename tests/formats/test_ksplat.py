@@ -68,7 +68,7 @@ def check_within_quantisation(given, again, level, block=5.0, half=HALF, byte=0.
     level=st.integers(0, 1),
     n=st.integers(1, 600),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_what_is_read_back_differs_by_the_quantisation_alone(
     tmp_path_factory, seed, degree, level, n
 ):

@@ -61,7 +61,7 @@ def test_the_layout_is_that_of_the_viewer(tmp_path):
     assert (np.abs((decoded * turned).sum(axis=1)) >= 1 - 1 / 128).all()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(count=st.integers(1, 60), seed=st.integers(0, 2**31), size=st.floats(1e-5, 1e5))
 def test_any_splats_come_back_within_half_a_step(tmp_path_factory, count, seed, size):
     made = splats(count, 1, seed)

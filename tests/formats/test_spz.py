@@ -92,7 +92,7 @@ def check_within_quantisation(given, again, version, bits=12, sh_bits=4):
     sh_bits=st.integers(4, 8),
     antialiased=st.booleans(),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_what_is_read_back_differs_by_the_quantisation_alone(
     tmp_path_factory, seed, degree, version, sh_bits, antialiased
 ):

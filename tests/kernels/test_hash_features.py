@@ -24,7 +24,7 @@ def test_features_and_their_gradients_are_those_of_torch(operators_there, place,
     agree(hashed(places), operators_there, hash_tables(dtype, channels), place, roundings=256.0)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(1, 30), st.integers(1, 5), st.integers(2, 50), st.integers(2, 9), st.floats(-1, 2)
 )

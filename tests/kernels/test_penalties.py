@@ -39,7 +39,7 @@ def test_distances_and_their_gradient_are_those_of_torch(operators_there, place,
     agree(distance, operators_there, [values], place)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.integers(1, 6), min_size=4, max_size=4), st.integers(0, 3), st.data())
 def test_any_axes_of_any_grid_agree_with_torch(operators_there, place, shape, axis, data):
     order = data.draw(st.integers(1, 2))

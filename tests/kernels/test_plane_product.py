@@ -27,7 +27,7 @@ def test_products_and_all_their_gradients_are_those_of_torch(
     agree(product, operators_there, tensors, place)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(1, 40), st.integers(1, 35), st.integers(2, 9), st.integers(0, 2**31))
 def test_any_sizes_agree_with_torch(operators_there, place, rows, channels, side, seed):
     places = 2.5 * numbers(rows, 3, seed=seed) - 1.25

@@ -31,7 +31,6 @@ from gsfw.studies.stress.judgement import faults_of_float32
 
 SCENES = settings(
     max_examples=50,
-    deadline=None,
     derandomize=True,
     database=None,
     phases=[Phase.generate],

@@ -33,7 +33,7 @@ def test_views_are_drawn_uniformly_within_the_window():
     assert rest == dict.fromkeys(range(8), 10)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 300), st.floats(0.001, 1.0), st.floats(0.01, 1.0))
 def test_every_stage_has_more_times_than_the_last_and_the_last_has_all(times, window, growth):
     sizes = window_sizes(times, window, growth)

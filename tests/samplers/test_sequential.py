@@ -30,7 +30,7 @@ def test_the_run_ends_on_the_last_time_whatever_does_not_divide():
     assert time_starts(1, 10, 5) == (0,)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(2, 40), st.integers(1, 50), st.integers(0, 300))
 def test_every_time_gets_its_even_share(times, first, more):
     steps = first + times - 1 + more

@@ -13,7 +13,7 @@ def views(count: int) -> Views:
     return Views(tuple(f"{i}.png" for i in range(count)), (front_camera(),) * count)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(1, 9), st.integers(1, 5), st.integers(-3, 2**40))
 def test_every_view_comes_once_per_epoch(count, views_per_step, seed):
     sampler = UniformSampler(count, views_per_step, seed)

@@ -210,7 +210,7 @@ def test_more_views_cannot_agree_than_are_asked():
     assert caught.value.advice.startswith("Give strategy.views=5 or more")
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     opacities=st.lists(st.sampled_from([0.001, 0.3, 0.9]), min_size=1, max_size=6),
     pixels=st.integers(0, 40),

@@ -87,7 +87,7 @@ def test_a_plan_that_was_right_is_left_alone():
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @example(before=0.125, after=0.006, change_at=0.75, ending=0.0, growth=1.0)
 @given(
     before=st.floats(0.004, 0.2),
@@ -110,7 +110,7 @@ def test_a_run_ends_within_ten_percent_whatever_becomes_of_the_machine(
 
 
 @pytest.mark.slow
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(pause_at=st.floats(0.05, 0.85), pause=st.floats(0.0, 8.0))
 def test_a_pause_costs_steps_and_not_the_end(pause_at, pause):
     paused = []

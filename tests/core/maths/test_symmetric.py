@@ -19,7 +19,7 @@ def turned(values: list[float], seed: int, dtype: torch.dtype) -> torch.Tensor:
     return ((matrix + matrix.mT) / 2).to(dtype)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.lists(VALUES, min_size=3, max_size=3),
     st.integers(0, 2**16),

@@ -146,7 +146,7 @@ def test_heads_that_do_not_fit_the_trunk_are_refused():
         network(NATIVE, tensors)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(1, 70), st.integers(1, 40), st.integers(0, 2**31))
 def test_any_number_of_rows_and_outputs_agrees_with_torch(rows, outputs, seed):
     inputs = numbers(rows, 16, seed=seed) - 0.5

@@ -294,7 +294,7 @@ def test_of_more_tiles_than_there_is_a_count_of_the_first_ones_are_found() -> No
         assert tiles_of(launcher_of(0), given, 5, counted=counted).pairs.tolist() == expected
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 40), max_size=60), st.sampled_from(list(C_KEYS)))
 def test_every_tile_begins_where_its_first_pair_is(numbers: list[int], key: torch.dtype) -> None:
     tiles = torch.tensor(sorted(numbers), dtype=key)

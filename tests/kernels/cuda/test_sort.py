@@ -80,7 +80,7 @@ def test_threads_and_blocks_in_any_order_give_the_same() -> None:
         check(EmulatedLauncher(seed=seed, os_threads=2), keys, 16)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.integers(0, 2**16 - 1), max_size=80), st.integers(1, 16), st.integers(0, 5))
 def test_any_short_list_is_sorted(numbers: list[int], bits: int, seed: int) -> None:
     keys = torch.tensor(numbers, dtype=torch.int64).to(torch.int16)

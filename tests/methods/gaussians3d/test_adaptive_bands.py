@@ -58,7 +58,7 @@ def cost(model, degrees) -> float:
     return float(torch.tensor(lost, dtype=torch.float64) @ model.evidence.weights.values.double())
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     degrees=st.lists(st.integers(0, 3), min_size=1, max_size=5),
     part=st.floats(0, 1),

@@ -27,7 +27,6 @@ FAINT = 0.05
 
 SCENES = settings(
     max_examples=40,
-    deadline=None,
     derandomize=True,
     database=None,
     phases=[Phase.generate],

@@ -25,7 +25,7 @@ values = st.integers(-8, 8).map(lambda number: number / 2)
 points = st.lists(st.builds(Point, st.just("p"), values, values), min_size=1, max_size=9)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(points)
 def test_without_tolerance_the_front_is_that_of_pareto(found):
     plain = [
@@ -41,7 +41,7 @@ def test_without_tolerance_the_front_is_that_of_pareto(found):
     assert sorted(front(found), key=repr) == sorted(plain, key=repr)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(points, st.sampled_from([0.0, 0.5, 1.0, 2.5]), st.sampled_from([0.0, 0.5, 1.0, 2.5]))
 def test_a_front_is_never_empty_and_nothing_on_it_is_beaten(found, same_cost, same_quality):
     unbeaten = front(found, same_cost, same_quality)
@@ -53,7 +53,7 @@ def test_a_front_is_never_empty_and_nothing_on_it_is_beaten(found, same_cost, sa
             assert any(beats(other, point, same_cost, same_quality) for other in found)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(points, st.sampled_from([0.5, 1.0, 2.5]))
 def test_following_who_beats_whom_never_comes_back(found, same):
     left = list(found)
