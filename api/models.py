@@ -95,7 +95,7 @@ class Model:
     def bounds(self) -> Float[Tensor, "2 3"]:
         """The lowest and the highest corner of the box of nearly all Gaussians, float64, CPU.
 
-        It leaves out those beyond the outermost 2 % on each side of each axis, which float far
+        It leaves out a sky, and the outermost 2 % on each side of each axis, which float far
         away; of a dynamic model at time 0.
         """
         return inner_box(self._world_splats(None).means)

@@ -3,7 +3,7 @@
     python benchmarks/outdoor_capture.py FOLDER [views=around|inside] [count=56] [width=200]
 
 ``around`` has cameras around a group of boxes; ``inside`` has cameras within a ring of them that
-look outwards. docs/results/skies.md has what methods make of both.
+look outwards. docs/guides/sky.md has what methods make of both.
 """
 
 from __future__ import annotations

@@ -43,7 +43,8 @@ class Scene:
     view_pixels: int = 0
     """Pixels of a training view at the size it is trained on, as a median; 0 when unknown."""
     sky: Sky | None = None
-    """The sphere of the sky under ``sky=true``; ``None`` if the run has none."""
+    """The sphere of the sky under ``sky=true``, else ``None``; without points where none are to be
+    added: none was found, a file brings the splats, or a checkpoint follows."""
 
     @property
     def is_dynamic(self) -> bool:

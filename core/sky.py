@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-SKY_EXTENTS = 20.0
+SKY_EXTENTS = 40.0
 """Least radius of the sky, in extents: cameras see its points in directions that differ by less
-than 3 degrees. Of 5, 20 and 100 extents, 20 is at most 0.2 dB below the best."""
-BEHIND_POINTS = 1.5
+than 2 degrees. Half of it is as far as a dense start finds surfaces."""
+BEHIND_POINTS = 2.0
 """Least radius of the sky, in distances of the far points of the capture."""
 FAR_SHARE = 0.99
 """Share of the points of a capture that are nearer than its far points; the others may be wrong."""

@@ -13,8 +13,8 @@ def without_invisible(content: SplatFile) -> tuple[SplatFile, int]:
 
     No alpha of a splat exceeds its opacity, and renderers skip every alpha below 1/255
     (``NumericsProfile.alpha_min``), so that images stay the same. A file in which nothing is
-    visible keeps everything: formats need at least one splat. Opacities that are none, such as NaN
-    or -0.1, stay: formats refuse them with the row.
+    visible keeps everything: formats need at least one splat. Invalid opacities, such as NaN or
+    -0.1, stay: formats refuse them with the row.
     """
     opacities = content.splats.opacities
     visible = (~((opacities >= 0) & (opacities < FAINTEST))).nonzero()[:, 0]

@@ -124,20 +124,32 @@ def _as_it_was(scene: Scene, cause: str) -> DenseStart:
     return DenseStart(scene, (f"init=dense: {cause}; starting from {instead}.",))
 
 
-def chosen_views(views: Views, any_time: bool = False) -> list[int]:
-    """Pinhole views of the first time with the most of them; all of a static capture.
-
-    Args:
-        views: of the capture.
-        any_time: true for views of all times.
-    """
-    rows = [i for i, camera in enumerate(views.cameras) if camera.model is CameraModel.PINHOLE]
-    if views.times is not None and rows and not any_time:
+def chosen_views(views: Views) -> list[int]:
+    """Pinhole views of the first time with the most of them; all of a static capture."""
+    rows = _pinhole(views)
+    if views.times is not None and rows:
         counts = Counter(views.times[row] for row in rows)
         time = min(counts, key=lambda each: (-counts[each], each))
         rows = [row for row in rows if views.times[row] == time]
-    every = max(1, -(-len(rows) // MOST_VIEWS))
-    return rows[::every]
+    return _at_most(rows, MOST_VIEWS)
+
+
+def views_of_places(views: Views) -> list[int]:
+    """Pinhole views of all times: one of each pose, so that a fixed video camera has one."""
+    first: dict[bytes, int] = {}
+    for row in _pinhole(views):
+        pose = views.cameras[row].world_to_camera.detach().float().numpy().tobytes()
+        first.setdefault(pose, row)
+    return _at_most(list(first.values()), MOST_VIEWS)
+
+
+def _pinhole(views: Views) -> list[int]:
+    return [i for i, camera in enumerate(views.cameras) if camera.model is CameraModel.PINHOLE]
+
+
+def _at_most(rows: list[int], most: int) -> list[int]:
+    """Some of the rows, evenly spaced."""
+    return rows[:: max(1, -(-len(rows) // most))]
 
 
 def _bounds(scene: Scene) -> tuple[float, float]:

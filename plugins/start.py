@@ -21,17 +21,19 @@ from gsfw.core.stereo.sky import found_sky
 from gsfw.core.stereo.surface import SurfacePoints
 from gsfw.plugins.dense_points import (
     DenseStart,
-    chosen_views,
     dense_count,
     dense_downscale,
     dense_start,
     dense_surface,
     small_views,
+    views_of_places,
 )
 from gsfw.plugins.loading import choose_operators
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
+
+FILE_NOTE = "sky=true: no sky is added to the splats of init=FILE; theirs is kept, however large."
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def find_points(
 
 def _sky_in(images: DataManager) -> Sky | str:
     """The sky in images of all times, or in a clause why there is none."""
-    chosen = chosen_views(images.views(Split.TRAIN), any_time=True)
+    chosen = views_of_places(images.views(Split.TRAIN))
     if not chosen:
         return "it takes pinhole cameras, and there are none"
     views = small_views(images, chosen, None)
@@ -117,18 +119,22 @@ def start_of(settings: Settings, scene: Scene, found: FoundPoints) -> DenseStart
         assert found.surface is not None
         assert isinstance(config.strategy, StrategyConfig)
         most = config.dense_points or dense_count(scene.view_pixels)
-        most = min(most, BudgetSize.parse(config.strategy).rows or most)
+        sky = len(found.sky) if isinstance(found.sky, Sky) else 0
+        most = min(most, max((BudgetSize.parse(config.strategy).rows or most + sky) - sky, 1))
         start = dense_start(scene, found.surface, most)
-    return _under_sky(start, scene, found.sky) if config.sky else start
+    if not config.sky:
+        return start
+    start = _under_sky(start, scene, found.sky)
+    if config.init in INIT_WORDS:
+        return start
+    return replace(start, notes=(*start.notes, FILE_NOTE))
 
 
 def _under_sky(start: DenseStart, capture: Scene, found: Sky | str | None) -> DenseStart:
     """The start with a sky; capture has the points of the data, which set its distance."""
-    notes, sky = start.notes, found
     if isinstance(found, Sky):
-        notes += (f"Starting with {len(found):,} splats of the sky (sky=true).",)
-    elif found is not None:
-        notes += (f"sky=true: {found}; starting without a sky.",)
-    if not isinstance(sky, Sky):
-        sky = _sphere(capture)
-    return DenseStart(replace(start.scene, sky=sky), notes)
+        note = f"Starting with {len(found):,} splats of the sky (sky=true)."
+        return DenseStart(replace(start.scene, sky=found), (*start.notes, note))
+    note = f"sky=true: {found}; starting without a sky."
+    notes = start.notes if found is None else (*start.notes, note)
+    return DenseStart(replace(start.scene, sky=_sphere(capture)), notes)

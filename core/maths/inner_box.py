@@ -6,8 +6,11 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
+NEAR_SHARE = 0.8
+"""Share of the Gaussians that a sky leaves to the scene, at least."""
 FAR = 4.0
-"""Gaussians beyond this many median distances from the median position are left out: a sky."""
+"""A sky begins beyond this many distances within which that share lies, from the median position.
+Nothing else does, unless the scene is one dense place with long arms."""
 OUTSIDE = 0.02
 """Share of the others that is left out at each side of each axis."""
 SAMPLE = 100_000
@@ -22,7 +25,7 @@ def inner_box(means: Float[Tensor, "n 3"]) -> Float64[Tensor, "2 3"]:
     """
     sample = means.detach().cpu().double()[:: len(means) // SAMPLE + 1]
     distances = (sample - sample.median(dim=0).values).norm(dim=1)
-    spread = distances.quantile(0.5)
+    spread = distances.quantile(NEAR_SHARE)
     if spread > 0:
         sample = sample[distances <= FAR * spread]
     return torch.quantile(sample, torch.tensor([OUTSIDE, 1 - OUTSIDE]).double(), dim=0)

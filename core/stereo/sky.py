@@ -28,11 +28,11 @@ TOLERANCE = 0.06
 """Largest difference of a channel from the median of all views that agrees with it."""
 SAME_PLACE = 1e-3
 """Cameras nearer to each other than this, in radii of the sky, agree on near surfaces, too: they
-count as one, such as a fixed camera that films, and faces of one panorama."""
+count as one place, such as a fixed video camera, or the faces of a panorama."""
 LEAST_PLACES = 2
-"""Places of cameras that have to see a direction."""
+"""Places of cameras that have to agree on a direction."""
 AGREEING_SHARE = 0.5
-"""Least share of these places that agree; a surface hides the direction from the others."""
+"""Least share of the places that see a direction and agree; a surface hides it from the others."""
 LEAST_POINTS = 20
 """With fewer directions there is no sky."""
 
@@ -93,7 +93,7 @@ def _agreed(
     seeing = (~colors[:, :, 0].isnan()).sum(dim=0)
     # Comparisons with NaN are false.
     agreeing = ((colors - median).abs().amax(dim=2) < TOLERANCE).sum(dim=0)
-    kept = (seeing >= LEAST_PLACES) & (agreeing >= AGREEING_SHARE * seeing)
+    kept = (agreeing >= LEAST_PLACES) & (agreeing >= AGREEING_SHARE * seeing)
     return directions[kept], median[kept]
 
 

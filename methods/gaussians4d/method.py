@@ -64,7 +64,9 @@ class DeformationMethod(MovingMethod):
         """Canonical Gaussians as in method 3dgs, and a field."""
         config = self.config
         canonical = self.canonical.build_model(scene, operators, generator, initial)
-        box = SpaceBox(canonical.means.values.detach(), scene.extent)
+        means = canonical.means.values.detach()
+        near = means if scene.sky is None else means[~scene.sky.holds(means)]
+        box = SpaceBox(near, scene.extent)
         encoder = _encoder(config, scene, operators, generator)
         decoder = _decoder(config, encoder, canonical, operators, generator)
         field = DeformationField(box, encoder, decoder)

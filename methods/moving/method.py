@@ -101,6 +101,15 @@ class MovingMethod(Method):
             return times
         return torch.rand(count, generator=generator)
 
+    @staticmethod
+    @torch.no_grad()
+    def show_sky_always_(model: MovingGaussians, scene: Scene) -> None:
+        """Make new rows of the sky, the last ones, present at all times. In place."""
+        count = 0 if scene.sky is None else len(scene.sky)
+        rows = torch.arange(model.num_rows - count, model.num_rows)
+        if model.still is None or not bool(model.still.mask()[rows].any()):
+            model.begin_(rows, torch.full((count,), 0.5))
+
     def _point_times(self, scene: Scene) -> Float[Tensor, " p"] | None:
         """Capture time of each initial point; ``None`` if unknown, or without points.
 

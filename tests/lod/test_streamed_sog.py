@@ -202,11 +202,13 @@ def test_a_scene_of_one_splat_has_one_level(tmp_path):
 
 def test_the_same_splats_give_the_same_bytes_with_any_number_of_threads(content, tmp_path):
     before = torch.get_num_threads()
-    for name, threads in ("a", 1), ("b", 3):
-        torch.set_num_threads(threads)
-        StreamedSogExporter(**SMALL).write(tmp_path / name, content)
-        assert torch.get_num_threads() == threads
-    torch.set_num_threads(before)
+    try:
+        for name, threads in ("a", 1), ("b", 3):
+            torch.set_num_threads(threads)
+            StreamedSogExporter(**SMALL).write(tmp_path / name, content)
+            assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
     for path in (tmp_path / "a").rglob("*.*"):
         assert (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes() == path.read_bytes()
 

@@ -20,6 +20,7 @@ from gsfw.plugins.dense_points import (
     dense_downscale,
     dense_start,
     dense_surface,
+    views_of_places,
 )
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
@@ -70,6 +71,18 @@ def data():
 def pointless(data) -> Changed:
     none = torch.empty(0, 3)
     return Changed(data, scene=replace(data.scene, points=none, point_colors=none))
+
+
+def test_a_fixed_camera_has_one_view_where_any_time_will_do():
+    """By time first, as films of several cameras are listed: every tenth view is of one camera."""
+    times = [number // 10 / 149 for number in range(1500)]
+    views = views_at(times)
+    cameras = [
+        replace(camera, world_to_camera=torch.eye(4)[None] * 1.0) for camera in views.cameras
+    ]
+    for number, camera in enumerate(cameras):
+        camera.world_to_camera[0, 0, 3] = float(number % 10)
+    assert views_of_places(replace(views, cameras=tuple(cameras))) == list(range(10))
 
 
 def test_the_first_time_with_the_most_cameras_is_taken():

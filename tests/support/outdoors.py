@@ -22,8 +22,8 @@ def sky_color(directions: np.ndarray) -> np.ndarray:
     return np.stack([0.5 + 0.3 * x, 0.6 - 0.3 * y, 0.9 + 0.05 * x], axis=-1)
 
 
-def images(count: int) -> list[np.ndarray]:
-    """What cameras at (APART * i, 0, 0) see that look along z."""
+def images(count: int, horizon: float = 0.0) -> list[np.ndarray]:
+    """Images of cameras at (APART * i, 0, 0) that look along z; the sky is above ``horizon``."""
     column, row = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     rays = np.stack(
         [(column - WIDTH / 2) / FOCAL, (row - HEIGHT / 2) / FOCAL, np.ones_like(row)], axis=-1
@@ -33,7 +33,7 @@ def images(count: int) -> list[np.ndarray]:
     for number in range(count):
         x, y = WALL * rays[..., 0] + APART * number, WALL * rays[..., 1]
         wave = 0.5 + 0.4 * np.sin(2.0 * x / APART + 3.0 * y)
-        found.append(np.where(rays[..., 1:2] < 0, sky, wave[..., None] * [1.0, 0.6, 0.3]))
+        found.append(np.where(rays[..., 1:2] < horizon, sky, wave[..., None] * [1.0, 0.6, 0.3]))
     return found
 
 
@@ -51,10 +51,12 @@ def views_of_the_sky(count: int = 8) -> StereoViews:
     )
 
 
-def write_outdoors(folder: Path, count: int = 8, *, times: bool = False, alpha: bool = False):
+def write_outdoors(
+    folder: Path, count: int = 8, *, times: bool = False, alpha: bool = False, horizon: float = 0.0
+) -> Path:
     """Write the capture as a transforms.json."""
     frames = []
-    for number, image in enumerate(images(count)):
+    for number, image in enumerate(images(count, horizon)):
         name, pose = f"{number:03}.png", np.diag([1.0, -1.0, -1.0, 1.0])
         pose[0, 3] = APART * number
         pixels = (255 * image + 0.5).astype(np.uint8)

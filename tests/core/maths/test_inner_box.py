@@ -16,10 +16,17 @@ def test_nearly_all_gaussians_are_within_the_box():
     assert torch.allclose(high, torch.full((3,), 0.96).double(), atol=0.03)
 
 
-def test_a_sky_of_half_as_many_gaussians_is_left_out():
-    far = torch.nn.functional.normalize(cube(500), dim=1) * 20.0
+def test_a_sky_of_a_fifth_as_many_gaussians_is_left_out():
+    far = torch.nn.functional.normalize(cube(200), dim=1) * 20.0
     assert torch.cat([cube(), far]).abs().max() > 10
     assert inner_box(torch.cat([cube(), far])).abs().max() < 1.0
+
+
+def test_a_street_that_leads_out_of_a_dense_place_is_in_the_box():
+    street = cube(600) * torch.tensor([30.0, 1.0, 1.0])
+    low, high = inner_box(torch.cat([cube(), street]))
+    assert low[0] < -25
+    assert high[0] > 25
 
 
 @pytest.mark.parametrize("places", [[[1.0, 2, 3]], [[0.0, 0, 0]] * 3 + [[1.0, 1, 1]]])

@@ -41,6 +41,14 @@ def test_the_sky_is_found_above_the_wall_and_has_its_colours(monkeypatch):
     assert (found.colors[above] - expected).abs().max() < 0.03
 
 
+def test_two_places_that_disagree_see_no_sky(monkeypatch):
+    monkeypatch.setattr(sky, "PIXELS_APART", 2.0)
+    views = views_of_the_sky(2)
+    black, white = (torch.full_like(views.colors[0], value) for value in (0.0, 1.0))
+    found = found_sky(replace(views, colors=(black, white)), sphere())
+    assert found == "cameras agree on 0 of 5,027 directions"
+
+
 def test_masked_pixels_do_not_vote(monkeypatch):
     monkeypatch.setattr(sky, "PIXELS_APART", 2.0)
     views = views_of_the_sky()
@@ -81,9 +89,9 @@ def test_the_sky_is_behind_all_but_stray_points():
     assert sphere().radius == pytest.approx(SKY_EXTENTS * 1.5)
     points = torch.zeros(1000, 3)
     points[:20, 0], points[0, 0] = 101.0, 1e6
-    assert empty_sky(CENTERS, 1.5, points).radius == pytest.approx(150.0)
+    assert empty_sky(CENTERS, 1.5, points).radius == pytest.approx(200.0)
 
 
 def test_positions_beyond_half_of_the_radius_are_the_sky():
-    places = torch.tensor([[1.0, 0.0, 0.0], [1.0, 14.0, 0.0], [1.0, 16.0, 0.0]])
+    places = torch.tensor([[1.0, 0.0, 0.0], [1.0, 29.0, 0.0], [1.0, 31.0, 0.0]])
     assert sphere().holds(places).tolist() == [False, False, True]
