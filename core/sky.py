@@ -8,9 +8,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-SKY_EXTENTS = 40.0
+SKY_EXTENTS = 20.0
 """Least radius of the sky, in extents: cameras see its points in directions that differ by less
-than 2 degrees. Half of it is as far as a dense start finds surfaces."""
+than 3 degrees, and a dense start finds no surfaces beyond it. With 40 one outdoor capture has 0 to
+0.9 dB less after 600 steps, and another the same."""
 BEHIND_POINTS = 2.0
 """Least radius of the sky, in distances of the far points of the capture."""
 FAR_SHARE = 0.99

@@ -93,5 +93,5 @@ def test_the_sky_is_behind_all_but_stray_points():
 
 
 def test_positions_beyond_half_of_the_radius_are_the_sky():
-    places = torch.tensor([[1.0, 0.0, 0.0], [1.0, 29.0, 0.0], [1.0, 31.0, 0.0]])
+    places = torch.tensor([[1.0, 0.0, 0.0], [1.0, 14.0, 0.0], [1.0, 16.0, 0.0]])
     assert sphere().holds(places).tolist() == [False, False, True]
