@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.context import StepContext
+from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.recordable import graph_key
@@ -73,6 +74,17 @@ class MovingMethod(Method):
         """Notes on the initialisation."""
         return self.canonical.notes(as_static(scene))
 
+    @torch.no_grad()
+    def begin(self, scene: Scene, views: Views, model: PrimitiveModel) -> None:
+        """Make Gaussians of the sky, the last ones of a new model, present at all times."""
+        count = 0 if scene.sky is None else len(scene.sky)
+        if count == 0 or not isinstance(model, MovingGaussians):
+            return
+        device = model.canonical.means.values.device
+        rows = torch.arange(model.num_rows - count, model.num_rows, device=device)
+        if model.still is None or not bool(model.still.mask()[rows].any()):
+            model.begin_(rows, torch.full((count,), 0.5, device=device))
+
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """L1 and SSIM, weighted by ssim_weight."""
         return self.canonical.losses(context)
@@ -100,15 +112,6 @@ class MovingMethod(Method):
         if times is not None and len(times) == count:
             return times
         return torch.rand(count, generator=generator)
-
-    @staticmethod
-    @torch.no_grad()
-    def show_sky_always_(model: MovingGaussians, scene: Scene) -> None:
-        """Make new rows of the sky, the last ones, present at all times. In place."""
-        count = 0 if scene.sky is None else len(scene.sky)
-        rows = torch.arange(model.num_rows - count, model.num_rows)
-        if model.still is None or not bool(model.still.mask()[rows].any()):
-            model.begin_(rows, torch.full((count,), 0.5))
 
     def _point_times(self, scene: Scene) -> Float[Tensor, " p"] | None:
         """Capture time of each initial point; ``None`` if unknown, or without points.

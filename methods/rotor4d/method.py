@@ -52,7 +52,7 @@ class SlicedGaussiansMethod(MovingMethod):
             centers = self.start_times(scene, canonical.num_rows, generator)
         else:
             centers = torch.full((canonical.num_rows,), 0.5)
-        model = SlicedGaussians(
+        return SlicedGaussians(
             canonical,
             centers,
             config.optim.learning_rates(scene.extent),
@@ -68,8 +68,6 @@ class SlicedGaussiansMethod(MovingMethod):
                 canonical.num_rows, all_still=not self.starts_timed(scene, initial)
             ),
         )
-        self.show_sky_always_(model, scene)
-        return model
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None

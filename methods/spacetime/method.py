@@ -76,7 +76,6 @@ class SpacetimeMethod(MovingMethod):
             decoder=FeatureDecoder(generator) if features else None,
             still=self.still_rows(count, all_still=not self.starts_timed(scene, initial)),
         )
-        self.show_sky_always_(self._model, scene)
         return self._model
 
     def graph_key(self, step: int) -> Hashable | None:

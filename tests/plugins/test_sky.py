@@ -8,6 +8,7 @@ from support.composed_runs import composed
 from support.outdoors import write_outdoors
 from support.scenes import random_splats
 
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.sky import empty_sky
 from gsfw.methods.gaussians3d.initialisation import SKY_OPACITY
@@ -96,8 +97,9 @@ def test_the_sky_of_a_moving_scene_is_always_there(method):
     empty = empty_sky(scene.camera_centers, scene.extent, scene.points)
     points = empty.center + empty.radius * torch.eye(3)
     sky = replace(empty, points=points, colors=torch.ones(3, 3))
-    build, seed = run.parts.method.build_model, torch.Generator().manual_seed(0)
-    model = build(replace(scene, sky=sky), run.parts.operators, seed, None)
+    scene, method, seed = replace(scene, sky=sky), run.parts.method, torch.Generator()
+    model = method.build_model(scene, run.parts.operators, seed.manual_seed(0), None)
+    method.begin(scene, run.parts.data.views(Split.TRAIN), model)
     assert model.num_rows == run.parts.model.num_rows + 3
     for time in (0.0, 1.0):
         opacities = model.splats(torch.tensor(time)).opacities
