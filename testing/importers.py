@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import torch
@@ -13,7 +14,7 @@ from gsfw.testing.sources import readable_file
 from gsfw.testing.subject import Subject
 
 FLIPS = 40
-"""Bytes that are changed, one at a time, evenly over a file."""
+"""Bytes that are changed, one at a time, evenly over a file, or over all files of a folder."""
 ADVICE = "Check lengths and numbers in the file, and raise DataError with the cause and the place."
 
 
@@ -52,33 +53,55 @@ def _check_content(content: SplatFile, name: str) -> None:
 
 
 def _damaged_files_are_refused(subject: Subject) -> None:
-    whole = readable_file(subject).read_bytes()
-    damaged = subject.workspace / f"damaged{readable_file(subject).suffix}"
-    for length in (0, 1, len(whole) // 2 | 1, len(whole) - 1):
-        damaged.write_bytes(whole[:length])
-        told = _read(subject, damaged)
-        # A format without a length cannot tell that its last rows are gone.
-        is_shorter = isinstance(told, SplatFile) and length > 1
-        require(
-            isinstance(told, DataError) or is_shorter,
-            f"{length} of {len(whole)} bytes give {_words(told)}.",
-            ADVICE,
-        )
+    copy = _copied(subject, "damaged")
+    for file in _files_of(copy):
+        whole = file.read_bytes()
+        for length in (0, 1, len(whole) // 2 | 1, len(whole) - 1):
+            file.write_bytes(whole[:length])
+            told = _read(subject, copy)
+            # A format without a length cannot tell that its last rows are gone, and not every file
+            # of a folder is read.
+            is_less = isinstance(told, SplatFile) and (length > 1 or copy.is_dir())
+            require(
+                isinstance(told, DataError) or is_less,
+                f"{length} of {len(whole)} bytes of {file.name} give {_words(told)}.",
+                ADVICE,
+            )
+        file.write_bytes(whole)
 
 
 def _changed_bytes_end_in_words(subject: Subject) -> None:
-    whole = readable_file(subject).read_bytes()
-    changed = subject.workspace / f"changed{readable_file(subject).suffix}"
-    for place in range(0, len(whole), max(len(whole) // FLIPS, 1)):
-        content = bytearray(whole)
-        content[place] ^= 0xFF
-        changed.write_bytes(content)
-        told = _read(subject, changed)
-        require(
-            isinstance(told, SplatFile | DataError),
-            f"with another byte {place}, reading gives {_words(told)}.",
-            ADVICE,
-        )
+    copy = _copied(subject, "changed")
+    files = _files_of(copy)
+    for file in files:
+        whole = file.read_bytes()
+        for place in range(0, len(whole), max(len(whole) * len(files) // FLIPS, 1)):
+            content = bytearray(whole)
+            content[place] ^= 0xFF
+            file.write_bytes(content)
+            told = _read(subject, copy)
+            require(
+                isinstance(told, SplatFile | DataError),
+                f"with another byte {place} of {file.name}, reading gives {_words(told)}.",
+                ADVICE,
+            )
+        file.write_bytes(whole)
+
+
+def _copied(subject: Subject, name: str) -> Path:
+    """A copy of the readable file or folder, to be damaged."""
+    source = readable_file(subject)
+    copy = subject.workspace / f"{name}{source.suffix}"
+    if source.is_dir():
+        shutil.copytree(source, copy)
+    else:
+        shutil.copyfile(source, copy)
+    return copy
+
+
+def _files_of(path: Path) -> list[Path]:
+    """A file itself, or all files of a folder."""
+    return sorted(each for each in path.rglob("*") if each.is_file()) if path.is_dir() else [path]
 
 
 def _read(subject: Subject, path: Path) -> object:

@@ -38,12 +38,12 @@ def test_the_built_in_scene_has_the_steps_of_its_method():
     assert asked_of(*resolved()) is None
 
 
-def test_preset_paper_is_there_for_every_method_and_changes_rates_alone():
+def test_preset_paper_is_there_for_every_method_and_changes_rates_and_growth_alone():
     for method in installed().slot("method"):
         usual, _ = resolved(method=method)
         paper, _ = resolved(method=method, preset="paper")
         changed = {k: v for k, v in paper.flat().items() if v != usual.flat()[k]}
-        assert all(key.startswith("optim.") for key in changed)
+        assert all(key.startswith(("optim.", "strategy.")) for key in changed)
         assert paper.flat()["optim.cooldown"] == 0.0
         assert paper.preset == "paper"
     with pytest.raises(ConfigError, match="paper"):
