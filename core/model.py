@@ -20,6 +20,9 @@ from gsfw.core.splats import Splats
 if TYPE_CHECKING:
     from gsfw.core.context import StepContext
 
+POSITIONS = "means"
+"""Name of the column of positions."""
+
 Children = Mapping[str, Rows]
 """New rows for every column, by column name."""
 
@@ -117,6 +120,14 @@ class DensifiableModel(PrimitiveModel):
     @abstractmethod
     def sizes(self) -> Float[Tensor, " n"]:
         """Largest standard deviation of each row, in scene units; no gradient."""
+
+    def positions(self) -> Float[Tensor, "n 3"] | None:
+        """Position of each row in the scene frame, without motion; ``None`` if there is no column.
+
+        No gradient.
+        """
+        column = self.columns().get(POSITIONS)
+        return None if column is None else column.values.detach()
 
     def lifetimes(self) -> Float[Tensor, " n"] | None:
         """Mean temporal weight of each row over [0, 1]; ``None`` when it is 1 for all rows."""

@@ -44,7 +44,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.step_settings import steps_field
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
 from gsfw.strategies.opacity_reset import OpacityReset
-from gsfw.strategies.rounds import COPIES, POSITIONS, DensityRefiner, RefinementRounds
+from gsfw.strategies.rounds import COPIES, DensityRefiner, RefinementRounds
 
 
 @dataclass
@@ -231,10 +231,10 @@ class AdaptiveDensityControl(DensityRefiner):
     def _oversized(self, model: DensifiableModel) -> Bool[Tensor, " n"]:
         """Rows that are too large for the scene; those of the sky are as large as it is far."""
         large = model.sizes() > self._config.prune_size * self._extent
-        positions = model.columns().get(POSITIONS)
+        positions = None if self._sky is None else model.positions()
         if self._sky is None or positions is None:
             return large
-        return large & ~self._sky.holds(positions.values)
+        return large & ~self._sky.holds(positions)
 
     def state_dict(self) -> dict[str, Any]:
         """The sums since the last change of rows, and the end of growth by others."""

@@ -23,7 +23,7 @@ from torch import Tensor
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import StrategyConfig
 from gsfw.core.context import StepContext
-from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
+from gsfw.core.model import POSITIONS, Children, DensifiableModel, PrimitiveModel
 from gsfw.core.ranges import number
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
@@ -32,7 +32,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.step_settings import steps_field
 from gsfw.core.table import SplatTable
-from gsfw.strategies.rounds import POSITIONS, DensityRefiner, RefinementRounds
+from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
 
 
 @dataclass

@@ -16,8 +16,6 @@ from gsfw.core.refiner import Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.table import SplatTable
 
-POSITIONS = "means"
-"""Name of the column of positions."""
 COPIES = 2
 """Number of children of a split row (Kerbl et al. 2023, section 5.2)."""
 

@@ -85,6 +85,11 @@ class ShardedRows(DensifiableModel):
         """Largest standard deviation of each row."""
         return self._team.all_rows(self._own.sizes())
 
+    def positions(self) -> Float[Tensor, "n 3"] | None:
+        """Position of each row."""
+        own = self._own.positions()
+        return None if own is None else self._team.all_rows(own)
+
     def lifetimes(self) -> Float[Tensor, " n"] | None:
         """Mean temporal weight of each row."""
         own = self._own.lifetimes()

@@ -107,7 +107,7 @@ def test_a_host_of_files_is_enough_to_show_the_scene(browser, tmp_path):
 @needs_chromium
 def test_a_budget_stops_the_download_early(browser, tmp_path):
     WebExporter().write(tmp_path, ball(count=100_000, degree=1))
-    with hosted(tmp_path, bytes_a_second=400_000) as address:
+    with hosted(tmp_path, bytes_a_second=200_000) as address:
         page = browser.open(f"{address}index.html?budget=30000", size=(240, 180))
         player = Player(page)
         assert player.stats()["splats"] == 1 << 15
