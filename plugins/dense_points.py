@@ -47,8 +47,8 @@ BACKGROUND_TOLERANCE = 0.015
 
 
 @dataclass(frozen=True)
-class DenseStart:
-    """The scene to start from, and what is to be said about it."""
+class Start:
+    """The scene to start from, and notes for the user."""
 
     scene: Scene
     """The scene with the found points; unchanged if none were found."""
@@ -71,7 +71,7 @@ def dense_downscale(full: DataManager) -> float:
     return max(1.0, round(4 * (pixels / VIEW_PIXELS) ** 0.5) / 4)
 
 
-def dense_start(scene: Scene, found: SurfacePoints | str, most: int) -> DenseStart:
+def dense_start(scene: Scene, found: SurfacePoints | str, most: int) -> Start:
     """The scene with points of the first time that most cameras show.
 
     Args:
@@ -107,21 +107,21 @@ def dense_surface(
     )
 
 
-def _started(scene: Scene, found: SurfacePoints, most: int) -> DenseStart:
+def _started(scene: Scene, found: SurfacePoints, most: int) -> Start:
     kept = found.thinned(most) if most else found
     changed = replace(
         scene, points=kept.points, point_colors=kept.colors.clamp(0.0, 1.0), point_times=None
     )
     share = "all " if len(kept) == len(found) else f"{len(kept):,} of "
     shown = f"{share}{len(found):,} surface points found in the images"
-    return DenseStart(changed, (f"Starting from {shown} (init=dense).",))
+    return Start(changed, (f"Starting from {shown} (init=dense).",))
 
 
-def _as_it_was(scene: Scene, cause: str) -> DenseStart:
+def _as_it_was(scene: Scene, cause: str) -> Start:
     """The fallback, in one sentence."""
     count = len(scene.points)
     instead = f"the {count:,} points of the data" if count else "random splats"
-    return DenseStart(scene, (f"init=dense: {cause}; starting from {instead}.",))
+    return Start(scene, (f"init=dense: {cause}; starting from {instead}.",))
 
 
 def chosen_views(views: Views) -> list[int]:

@@ -20,7 +20,7 @@ from gsfw.core.sky import Sky, empty_sky
 from gsfw.core.stereo.sky import found_sky
 from gsfw.core.stereo.surface import SurfacePoints
 from gsfw.plugins.dense_points import (
-    DenseStart,
+    Start,
     dense_count,
     dense_downscale,
     dense_start,
@@ -33,7 +33,7 @@ from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 
-FILE_NOTE = "sky=true: no sky is added to the splats of init=FILE; theirs is kept, however large."
+FILE_NOTE = "sky=true: no sky is added to the splats of init=FILE; large ones far away are kept."
 
 
 @dataclass(frozen=True)
@@ -109,18 +109,20 @@ def _stereo_downscale(settings: Settings, data: DataManager) -> float:
         full.close()
 
 
-def start_of(settings: Settings, scene: Scene, found: FoundPoints) -> DenseStart:
+def start_of(settings: Settings, scene: Scene, found: FoundPoints) -> Start:
     """The scene that the model starts from, with the points that its images show.
 
     With sky=true its sphere is known to all parts, also where a file or a checkpoint brings it.
     """
-    config, start = settings.config, DenseStart(scene)
+    config, start = settings.config, Start(scene)
     if config.init == DENSE:
         assert found.surface is not None
         assert isinstance(config.strategy, StrategyConfig)
         most = config.dense_points or dense_count(scene.view_pixels)
-        sky = len(found.sky) if isinstance(found.sky, Sky) else 0
-        most = min(most, max((BudgetSize.parse(config.strategy).rows or most + sky) - sky, 1))
+        budget = BudgetSize.parse(config.strategy).rows
+        if budget is not None:
+            sky = len(found.sky) if isinstance(found.sky, Sky) else 0
+            most = min(most, max(budget - sky, 1))
         start = dense_start(scene, found.surface, most)
     if not config.sky:
         return start
@@ -130,11 +132,10 @@ def start_of(settings: Settings, scene: Scene, found: FoundPoints) -> DenseStart
     return replace(start, notes=(*start.notes, FILE_NOTE))
 
 
-def _under_sky(start: DenseStart, capture: Scene, found: Sky | str | None) -> DenseStart:
+def _under_sky(start: Start, capture: Scene, found: Sky | str | None) -> Start:
     """The start with a sky; capture has the points of the data, which set its distance."""
     if isinstance(found, Sky):
         note = f"Starting with {len(found):,} splats of the sky (sky=true)."
-        return DenseStart(replace(start.scene, sky=found), (*start.notes, note))
-    note = f"sky=true: {found}; starting without a sky."
-    notes = start.notes if found is None else (*start.notes, note)
-    return DenseStart(replace(start.scene, sky=_sphere(capture)), notes)
+        return Start(replace(start.scene, sky=found), (*start.notes, note))
+    without = () if found is None else (f"sky=true: {found}; starting without a sky.",)
+    return Start(replace(start.scene, sky=_sphere(capture)), (*start.notes, *without))

@@ -231,10 +231,10 @@ class AdaptiveDensityControl(DensityRefiner):
     def _oversized(self, model: DensifiableModel) -> Bool[Tensor, " n"]:
         """Rows that are too large for the scene; those of the sky are as large as it is far."""
         large = model.sizes() > self._config.prune_size * self._extent
-        positions = None if self._sky is None else model.positions()
-        if self._sky is None or positions is None:
+        if self._sky is None:
             return large
-        return large & ~self._sky.holds(positions)
+        positions = model.positions()
+        return large if positions is None else large & ~self._sky.holds(positions)
 
     def state_dict(self) -> dict[str, Any]:
         """The sums since the last change of rows, and the end of growth by others."""

@@ -14,6 +14,7 @@ import hypothesis
 import pytest
 import torch
 from shape_checks import CHECKED_CALLS, Checks
+from support.chromium import Chromium, chromium
 from support.known_images import KnownImages
 from support.made_once import MadeOnce
 from support.native_proofs import (  # noqa: F401 - hooks
@@ -176,6 +177,13 @@ def fine_charts() -> None:
     """Charts as they are, in a test of a whole run."""
     draw_at(FINE)
     report.plot = plot
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    """A browser for all tests of a file."""
+    with chromium(tmp_path_factory.mktemp("browser") / "profile") as running:
+        yield running
 
 
 @pytest.fixture

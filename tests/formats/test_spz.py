@@ -15,20 +15,13 @@ from hypothesis import strategies as st
 from support.refusals import refusal_of
 from support.scenes import random_splats
 from support.splat_files import alignment, largest, trained_splats
-from support.splat_transform import (
-    WITH_LEVELS,
-    needs_splat_transform,
-    needs_splat_transform_with_levels,
-    splat_transform,
-)
+from support.spz_files import check_within_quantisation, read, write
 
-from gsfw.commands.main import main
 from gsfw.core.errors import ConfigError, OutputError, UnavailableError
 from gsfw.core.exchange import SplatFile
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.splats import Sh
-from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.formats.spz.exporter import SpzExporter
 from gsfw.formats.spz.importer import SpzImporter
 from gsfw.formats.spz.quantisation import packed_bands, unpacked
@@ -38,50 +31,7 @@ COPY = "It may have been cut short or changed in copying; get it again."
 VERSIONS = (2, 3, 4)
 
 
-def write(path, content, version=3, sh_bits=4):
-    content = content if isinstance(content, SplatFile) else SplatFile(content)
-    SpzExporter(version=version, sh_bits=sh_bits).write(path, content)
-    return path
-
-
-def read(path):
-    return SpzImporter().read(path)
-
-
 refusal = refusal_of(read)
-
-
-def rotation_bound(version):
-    """Least |q . p| of a rotation and what is read: see the derivation.
-
-    Version 2 rounds x, y and z to steps of 1/127.5, an error of at most d = sqrt(3) / 255 together;
-    w^2 = 1 - |xyz|^2 changes by at most d (2 + d), and w >= 0 by no more than the root of that.
-    Later versions round three components to steps of sqrt(1/2) / 511; the fourth is at least 1/2,
-    so that it changes by |w'^2 - w^2| / (w' + w) <= sqrt(3) d + d^2, doubled for its own change.
-    """
-    if version == 2:
-        step = math.sqrt(3) / 255
-        distance = math.sqrt(step**2 + step * (2 + step))
-    else:
-        step = math.sqrt(3) * math.sqrt(0.5) / 511 / 2
-        distance = math.hypot(step, 2 * (math.sqrt(3) * step + step**2))
-    return 1 - distance**2 / 2 - 1e-6
-
-
-def check_within_quantisation(given, again, version, bits=12, sh_bits=4):
-    """Every value is as near as its number of bits allows."""
-    assert largest(again.means, given.means) <= 0.5 / 2**bits + 1e-6
-    assert largest(again.opacities, given.opacities) <= 0.5 / 255 + 1e-6
-    assert largest(again.scales.log(), given.scales.log()) <= 1 / 32 + 1e-5
-    assert alignment(again.quats, given.quats) >= rotation_bound(version)
-    before, after = given.colors.coefficients, again.colors.coefficients
-    assert largest(after[:, :1], before[:, :1]) <= 0.5 / (0.15 * 255) + 1e-5
-    # Rounded to a step of 1/128, then to the middle of a bucket of some.
-    first, others = (1 << (8 - kept) for kept in (min(sh_bits + 1, 8), sh_bits))
-    if given.colors.degree:
-        assert largest(after[:, 1:4], before[:, 1:4]) <= (0.5 + first // 2) / 128 + 1e-5
-    if given.colors.degree > 1:
-        assert largest(after[:, 4:], before[:, 4:]) <= (0.5 + others // 2) / 128 + 1e-5
 
 
 @pytest.mark.slow
@@ -387,64 +337,6 @@ def test_a_place_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="cannot be written"):
         write(tmp_path / "file" / "a.spz", trained_splats(5, 1))
-
-
-@pytest.mark.slow
-@needs_splat_transform
-@pytest.mark.parametrize(("version", "sh_bits"), [(2, 4), (3, 4), (4, 4), (3, 8)])
-def test_another_tool_reads_what_is_written(tmp_path, version, sh_bits):
-    given = trained_splats(3000, 3)
-    path = write(tmp_path / "a.spz", SplatFile(given), version, sh_bits)
-    splat_transform(path, tmp_path / "a.ply")
-    other = PlyImporter().read(tmp_path / "a.ply").splats
-    check_within_quantisation(given, other, version, sh_bits=sh_bits)
-    # Both readers see the same numbers.
-    ours = read(path).splats
-    assert largest(other.means, ours.means) < 1e-6
-    assert largest(other.colors.coefficients, ours.colors.coefficients) < 1e-6
-    assert alignment(other.quats, ours.quats) > 1 - 1e-6
-
-
-@pytest.mark.slow
-@needs_splat_transform
-def test_what_another_tool_writes_is_read(tmp_path):
-    given = trained_splats(3000, 3)
-    PlyExporter().write(tmp_path / "a.ply", SplatFile(given))
-    splat_transform(tmp_path / "a.ply", tmp_path / "a.spz")
-    content = read(tmp_path / "a.spz")
-    check_within_quantisation(given, content.splats, int(content.properties["version"]))
-
-
-@pytest.mark.slow
-@needs_splat_transform_with_levels
-def test_half_a_turn_sets_what_splat_transform_3_writes_upright(tmp_path):
-    given, (ply, spz, back) = (
-        trained_splats(3000, 3),
-        [tmp_path / f"a.{end}" for end in ("ply", "spz", "b.ply")],
-    )
-    PlyExporter().write(ply, SplatFile(given))
-    splat_transform(ply, spz, version=WITH_LEVELS)
-    assert main(["edit", str(spz), "rotate=x,180", f"out={back}"]) == 0
-    found = PlyImporter().read(back).splats
-    # Half a turn of an ellipsoid about an axis of its own is none: q and q i are the same one.
-    units = torch.nn.functional.normalize(found.quats, dim=1)
-    same = replace(found, quats=units[:, [1, 0, 3, 2]] * torch.tensor([-1.0, 1.0, 1.0, -1.0]))
-    check_within_quantisation(given, same, int(read(spz).properties["version"]))
-
-
-@pytest.mark.slow
-@needs_splat_transform
-def test_two_files_of_the_same_scene_agree(tmp_path, shared_data):
-    ours = read(shared_data / "splats" / "biker.spz").splats
-    splat_transform(shared_data / "splats" / "biker.compressed.ply", tmp_path / "a.ply")
-    other = PlyImporter().read(tmp_path / "a.ply").splats
-    assert len(ours) == len(other)
-    assert largest(ours.means, other.means) < 3e-3
-    assert float((ours.means - other.means).abs().median()) < 2e-4
-    assert float((ours.opacities - other.opacities).abs().max()) < 0.01
-    assert float((ours.scales.log() - other.scales.log()).abs().median()) < 0.05
-    same = (ours.quats * other.quats).sum(dim=1).abs()
-    assert float(same.median()) > 0.9999
 
 
 @pytest.mark.parametrize("size", [1.0, 2e7, 3e38])

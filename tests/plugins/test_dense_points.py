@@ -14,7 +14,7 @@ from gsfw.kernels.cpu.operators import CpuOperators
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.dense_points import (
     MOST_VIEWS,
-    DenseStart,
+    Start,
     chosen_views,
     dense_count,
     dense_downscale,
@@ -44,7 +44,7 @@ def views_at(times: list[float | None], model: CameraModel = CameraModel.PINHOLE
     return Views(tuple(str(i) for i in range(len(times))), cameras)
 
 
-def started(data, background: torch.Tensor | None, most: int) -> DenseStart:
+def started(data, background: torch.Tensor | None, most: int) -> Start:
     return dense_start(data.scene, dense_surface(data, background, OPERATORS), most)
 
 

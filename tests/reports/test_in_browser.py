@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.chromium import chromium, needs_chromium
+from support.chromium import needs_chromium
 from support.moving_runs import MOVING
 from support.report_runs import write_run
 from support.small_scene import SMALL_SCENE
@@ -23,13 +23,6 @@ PAGE = "report.html"
 
 SCREENSHOTS = os.environ.get("GSFW_SCREENSHOTS")
 """Folder that keeps the screenshots; without it they are only compared."""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    """A browser for all tests."""
-    with chromium(tmp_path_factory.mktemp("browser") / "profile") as running:
-        yield running
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.chromium import Page, chromium, needs_chromium
+from support.chromium import Page, needs_chromium
 from support.fast_rasterizer import fast_rasterizer
 from support.small_scene import SMALL_SCENE
 from support.viewing import OneView, captured_model, moving_model, served, still_model
@@ -37,12 +37,6 @@ CANVAS = 956
 """Width of the image beside the panel, on a page of 1280 pixels."""
 SHOTS = os.environ.get("GSFW_SHOTS", "")
 """A folder for screenshots to look at."""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("browser") / "profile") as running:
-        yield running
 
 
 @contextmanager

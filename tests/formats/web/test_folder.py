@@ -6,7 +6,7 @@ from io import BytesIO
 import pytest
 import torch
 from PIL import Image
-from support.chromium import chromium, needs_chromium
+from support.chromium import needs_chromium
 from support.hosts import hosted
 from support.web_player import Player, psnr, rendered
 from support.web_scenes import ORIGIN, WithPreview, ball, cameras, read_scene
@@ -79,12 +79,6 @@ def test_the_page_may_ask_its_own_host_only(tmp_path):
 def test_an_address_that_is_none_is_refused():
     with pytest.raises(ConfigError, match=r"format\.url=example\.org: expected an address"):
         WebExporter(url="example.org")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium") / "profile") as running:
-        yield running
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.chromium import chromium, needs_chromium
+from support.chromium import needs_chromium
 from support.headset import Headset, eyes_of, pose
 from support.web_player import psnr, rendered, watching
 from support.web_scenes import ORIGIN, WithPreview, at_time, ball, cameras, moving_ball
@@ -17,19 +17,6 @@ METRE = float((cameras(1).centers - ORIGIN).norm()) / 2
 UP = np.array([0.0, 0.0, 1.0])
 START = pose([0.4, 1.6, -0.2], yaw=0.7, pitch=0.4)
 """First pose of the head in its room: away from the middle, turned, and looking up."""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium") / "profile") as running:
-        yield running
-
-
-@pytest.fixture
-def page(browser):
-    opened = browser.open(size=(480, 360))
-    yield opened
-    opened.close()
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from support.chromium import chromium, needs_chromium
+from support.chromium import needs_chromium
 from support.web_player import Player, psnr, rendered, watching
 from support.web_scenes import ORIGIN, WithPreview, at_time, ball, cameras, moving_ball
 
@@ -11,19 +11,6 @@ from gsfw.core.exchange import Preview, SplatFile
 from gsfw.formats.web.html import HtmlExporter
 
 pytestmark = [pytest.mark.slow, needs_chromium]
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with chromium(tmp_path_factory.mktemp("chromium") / "profile") as running:
-        yield running
-
-
-@pytest.fixture
-def page(browser):
-    opened = browser.open(size=(480, 360))
-    yield opened
-    opened.close()
 
 
 def write(tmp_path, content, **options):
